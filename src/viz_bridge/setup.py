@@ -1,0 +1,47 @@
+"""Installs viz_bridge where colcon says; name, version and licence are those of package.xml."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+PACKAGE_ROOT = Path(__file__).resolve().parent
+MANIFEST = ElementTree.parse(PACKAGE_ROOT / "package.xml")
+
+
+def manifest(tag: str) -> str:
+    """Text of one of the manifest's top-level tags."""
+    return MANIFEST.findtext(tag, "").strip()
+
+
+def files(folder: Path, pattern: str) -> list[str]:
+    """The files to install from a folder that need not exist."""
+    return sorted(str(path) for path in folder.glob(pattern) if path.is_file())
+
+
+PACKAGE = manifest("name")
+SHARE = f"share/{PACKAGE}"
+
+setup(
+    name=PACKAGE,
+    version=manifest("version"),
+    description=manifest("description"),
+    maintainer=manifest("maintainer"),
+    maintainer_email=MANIFEST.find("maintainer").attrib["email"],
+    license=manifest("license"),
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed", "data/**"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/launch", files(PACKAGE_ROOT / "launch", "*.launch.py")),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "rerun_node = viz_bridge.rerun_node:main",
+            "bag_node = viz_bridge.bag_node:main",
+        ],
+    },
+)

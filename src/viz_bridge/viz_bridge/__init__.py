@@ -1,0 +1,1 @@
+"""Shows and records the simulation: rerun viewer and recordings, MCAP bags."""
