@@ -1,0 +1,1 @@
+"""How the organ deforms: one file per model behind one small protocol."""

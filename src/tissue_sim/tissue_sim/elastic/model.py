@@ -1,0 +1,152 @@
+"""The protocol every elastic model follows, and what models share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number a model can be given, checked by one validator.
+
+    Attributes:
+        name: Name in scene files and requests.
+        default: Value when none is given.
+        minimum: Smallest value allowed.
+        maximum: Largest value allowed.
+        unit: SI unit; "" for a plain number.
+        meaning: One sentence for people.
+        integer: Whether only whole numbers are allowed.
+    """
+
+    name: str
+    default: float
+    minimum: float
+    maximum: float
+    unit: str
+    meaning: str
+    integer: bool = False
+
+    def checked(self, value: float) -> float:
+        """The value, if it is allowed.
+
+        Raises:
+            ValueError: The value is not finite, not whole where it must be, or out of range.
+        """
+        allowed = f"allowed: {self.minimum:g} to {self.maximum:g}{' ' + self.unit if self.unit else ''}"
+        if not np.isfinite(value) or not self.minimum <= value <= self.maximum:
+            raise ValueError(f"{self.name} = {value:g} is out of range; {allowed}")
+        if self.integer and value != int(value):
+            raise ValueError(f"{self.name} = {value:g} must be a whole number; {allowed}")
+        return float(value)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What the tissue is made of.
+
+    Attributes:
+        young_modulus: Young's modulus E [Pa].
+        poisson_ratio: Poisson's ratio nu, in [0, 0.5).
+        density: Mass density [kg/m^3].
+    """
+
+    young_modulus: float = 5e4
+    poisson_ratio: float = 0.45
+    density: float = 1060.0
+
+
+class State:
+    """What changes from step to step. Arrays have the mesh's node capacity; rows in use are [:mesh.node_rows].
+
+    Displacements from rest keep float32 precise where coordinates would not.
+
+    Attributes:
+        displacement: Current minus rest position [m], shape (node_capacity, 3), float32 (float64 in verification).
+        previous: Displacement one time step earlier [m], same shape; dynamic models only.
+        prescribed: Nodes whose displacement the model must not change: fixed or held, shape (node_capacity,).
+    """
+
+    def __init__(self, mesh: Mesh, dtype: type[np.floating] = np.float32) -> None:
+        self.displacement = np.zeros((mesh.node_capacity, 3), dtype=dtype)
+        self.previous = np.zeros_like(self.displacement)
+        self.prescribed = mesh.fixed.copy()
+
+    def positions(self, mesh: Mesh) -> NDArray[np.floating]:
+        """Current positions [m], shape (node_rows, 3), in the state's own precision."""
+        rows = mesh.node_rows
+        return (mesh.rest[:rows] + self.displacement[:rows]).astype(self.displacement.dtype)
+
+    def follow(self, mesh: Mesh, change: EditChange) -> None:
+        """Carry the state over an edit that `mesh` has just applied. Modifies the state in place.
+
+        A moved node goes to the weighted mean of its anchors as they were; a copy starts where its parent is, at the
+        same current and previous position, so that no force jumps and no velocity appears.
+        """
+        capacity, old_capacity = mesh.node_capacity, len(self.displacement)
+        if capacity > old_capacity:
+            more = ((0, capacity - old_capacity), (0, 0))
+            self.displacement = np.pad(self.displacement, more)
+            self.previous = np.pad(self.previous, more)
+            self.prescribed = np.pad(self.prescribed, more[0])
+        if len(change.moved_nodes):
+            self._move(mesh, change)
+        for array in (self.displacement, self.previous, self.prescribed):
+            array[change.copied_nodes] = array[change.copy_parents]
+
+    def _move(self, mesh: Mesh, change: EditChange) -> None:
+        anchors = change.moved_anchors
+        rest_before = mesh.rest[anchors]
+        place = np.full(mesh.node_rows, -1)
+        place[change.moved_nodes] = np.arange(len(change.moved_nodes))
+        was_moved = place[anchors] >= 0
+        rest_before[was_moved] = change.old_moved_rest[place[anchors[was_moved]]]
+        for array in (self.displacement, self.previous):
+            place_now = np.einsum("ij,ijk->ik", change.moved_weights, rest_before + array[anchors])
+            array[change.moved_nodes] = place_now - mesh.rest[change.moved_nodes]
+
+
+@runtime_checkable
+class Model(Protocol):
+    """An elastic model: parameters and derived data; `step` is exactly one sweep, time step or iteration.
+
+    A model is built as `ModelClass(mesh, material, parameters)`; `registry.build` checks the parameters first.
+
+    Attributes:
+        name: Name in scene files.
+        parameters: What can be set.
+        time_step: Simulated time of one step [s]; None for static models, which run as many steps as fit the frame.
+        has_forces: Whether `forces` means newtons; models without stiffness publish no force on the tool.
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    time_step: float | None
+    has_forces: bool
+
+    def step(self, state: State) -> None:
+        """Advance by one sweep, time step or iteration. Modifies the state in place."""
+
+    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
+        """Holds were made, released or taken over.
+
+        Args:
+            state: With `prescribed` already up to date.
+            held: Rows of all nodes held now, sorted, fixed nodes not included.
+        """
+
+    def topology_changed(self, change: EditChange, state: State) -> None:
+        """The mesh applied an edit and the state followed; update derived data in time proportional to it."""
+
+    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Internal elastic forces on nodes [N], shape (len(rows), 3); zeros where `has_forces` is false."""
+
+    def residual(self, state: State) -> float:
+        """How far from equilibrium: largest internal force on a free active node [N]; nan if it has no meaning."""

@@ -1,0 +1,1 @@
+"""What the organ is: meshes, their formats, generated shapes and versioned edits."""

@@ -1,0 +1,113 @@
+"""Versioned changes of topology.
+
+Everything in an edit refers to permanent ids. A plan names the nodes and elements it makes by provisional ids
+(`PROVISIONAL + k`); `Mesh.apply` gives them permanent ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+PROVISIONAL = 1 << 31
+"""First provisional id."""
+
+
+class EditError(ValueError):
+    """An edit that would make a bad mesh; nothing was changed."""
+
+
+class StaleEditError(EditError):
+    """Something the edit's plan has read changed after its base version; plan again."""
+
+
+def _ids(*shape: int) -> NDArray[np.uint32]:
+    return np.empty((0, *shape), dtype=np.uint32)
+
+
+def _reals(*shape: int) -> NDArray[np.float64]:
+    return np.empty((0, *shape), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class TopologyEdit:
+    """A change of topology, planned on `base_version`.
+
+    Attributes:
+        base_version: Version the edit was planned on.
+        kind: What made it, such as "split".
+        base_frame: State frame it was planned on.
+        read_nodes: Ids of nodes the plan depends on, shape (n,).
+        read_elements: Ids of elements the plan depends on, shape (n,).
+        moved_nodes: Ids of nodes whose rest position moves, shape (m,).
+        moved_rest: Their new rest positions [m], shape (m, 3).
+        moved_anchors: Ids of the nodes of the element that contains each new place, shape (m, 4).
+        moved_weights: Barycentric weights, shape (m, 4): the new current (and previous) position is the weighted
+            sum of the anchors' positions as they were before the edit.
+        copied_nodes: Ids of new nodes, shape (c,).
+        copy_parents: Ids of the nodes they copy, after moving, shape (c,).
+        rewritten_elements: Ids of elements whose nodes change, shape (r,).
+        rewritten_nodes: Their new node ids, shape (r, 4).
+        removed_elements: Ids, shape (d,).
+        added_elements: Ids of new elements, shape (a,).
+        added_nodes: Their node ids, shape (a, 4).
+        added_parents: Ids of the elements they descend from, shape (a,).
+        version: Version the edit made; 0 while it is only a plan.
+        author: Client id of the request.
+        request_id: Id of the request.
+    """
+
+    base_version: int
+    kind: str = "split"
+    base_frame: int = 0
+    read_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    read_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    moved_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    moved_rest: NDArray[np.float64] = field(default_factory=lambda: _reals(3))
+    moved_anchors: NDArray[np.uint32] = field(default_factory=lambda: _ids(4))
+    moved_weights: NDArray[np.float64] = field(default_factory=lambda: _reals(4))
+    copied_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    copy_parents: NDArray[np.uint32] = field(default_factory=_ids)
+    rewritten_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    rewritten_nodes: NDArray[np.uint32] = field(default_factory=lambda: _ids(4))
+    removed_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    added_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    added_nodes: NDArray[np.uint32] = field(default_factory=lambda: _ids(4))
+    added_parents: NDArray[np.uint32] = field(default_factory=_ids)
+    version: int = 0
+    author: str = ""
+    request_id: str = ""
+
+
+@dataclass(frozen=True)
+class EditChange:
+    """What an applied edit touched, in rows: all that derived data needs to follow.
+
+    Attributes:
+        edit: The edit with permanent ids and its version.
+        moved_nodes: Rows of nodes whose rest position moved, shape (m,).
+        moved_anchors: Rows of the anchors of each moved node, shape (m, 4).
+        moved_weights: Barycentric weights, shape (m, 4).
+        old_moved_rest: Rest positions before the edit [m], shape (m, 3).
+        copied_nodes: Rows of the new nodes, shape (c,).
+        copy_parents: Rows of their parents, shape (c,).
+        elements: Rows of elements rewritten, removed or added, shape (e,).
+        old_elements: Node rows of those elements before, shape (e, 4); -1 where the element is new.
+        new_elements: Node rows after, shape (e, 4); -1 where it was removed.
+        nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes of all
+            elements incident to a moved node included, shape (k,).
+    """
+
+    edit: TopologyEdit
+    moved_nodes: NDArray[np.int32]
+    moved_anchors: NDArray[np.int32]
+    moved_weights: NDArray[np.float64]
+    old_moved_rest: NDArray[np.float64]
+    copied_nodes: NDArray[np.int32]
+    copy_parents: NDArray[np.int32]
+    elements: NDArray[np.int32]
+    old_elements: NDArray[np.int32]
+    new_elements: NDArray[np.int32]
+    nodes: NDArray[np.int32]

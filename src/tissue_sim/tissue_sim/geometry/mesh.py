@@ -1,0 +1,303 @@
+"""The versioned tetrahedral mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.edit import PROVISIONAL, EditChange, EditError, StaleEditError, TopologyEdit
+from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.raw_mesh import RawMesh
+
+NO_ROW = -1
+
+
+def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Signed volumes of tetrahedra [m^3], shape (element_count,); positive for standard orientation."""
+    a, b, c, d = (points[tets[:, corner]] for corner in range(4))
+    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
+
+
+class Mesh:
+    """A tetrahedral mesh that edits change in place, with permanent ids and spare capacity.
+
+    Rows are where things lie in memory; ids are what everyone but kernels uses. A removed node or element leaves a
+    tombstone (`*_alive` false). Rows never move within a session, so Gauss-Seidel order is stable. Arrays are longer
+    than the rows in use: use [:node_rows] and [:element_rows].
+
+    Attributes:
+        rest: Rest positions [m], float64, shape (node_capacity, 3).
+        fixed: Nodes that never move, shape (node_capacity,).
+        node_ids, node_file_ids, node_parents, node_alive, node_versions: Per node row; `node_versions` is the version
+            that last changed the node, `node_parents` the id it was copied from (its own id for an original).
+        tets: Node rows of each element, shape (element_capacity, 4), positively oriented at rest.
+        element_ids, element_file_ids, element_alive, element_versions, regions: Per element row.
+        incident: Element rows at each node row.
+        version: Grows with every edit; 1 when built.
+    """
+
+    def __init__(
+        self, raw: RawMesh, fixed: NDArray[np.bool_] | None = None, spare: float = 0.25
+    ) -> None:
+        """Build from a checked raw mesh.
+
+        Args:
+            raw: A mesh that `geometry.check` let pass: every row becomes a permanent id.
+            fixed: Nodes that never move, shape (node_count,); default none.
+            spare: Share of spare rows.
+        """
+        nodes, elements = len(raw.points), len(raw.tetrahedra)
+        node_capacity = int(nodes * (1 + spare)) + 1024
+        element_capacity = int(elements * (1 + spare)) + 1024
+        self.name, self.source = raw.name, raw.source
+        self.region_names = dict(raw.region_names)
+        self.version = 1
+        self.node_rows, self.element_rows = nodes, elements
+        self.rest = np.zeros((node_capacity, 3))
+        self.rest[:nodes] = raw.points
+        self.fixed = np.zeros(node_capacity, dtype=np.bool_)
+        if fixed is not None:
+            self.fixed[:nodes] = fixed
+        self.node_ids = np.arange(node_capacity, dtype=np.uint32)
+        self.node_file_ids = np.full(node_capacity, -1, dtype=np.int64)
+        self.node_file_ids[:nodes] = (
+            raw.node_file_ids if len(raw.node_file_ids) else np.arange(nodes)
+        )
+        self.node_parents = self.node_ids.copy()
+        self.node_alive = np.zeros(node_capacity, dtype=np.bool_)
+        self.node_alive[:nodes] = True
+        self.node_versions = np.ones(node_capacity, dtype=np.int64)
+        self.tets = np.full((element_capacity, 4), NO_ROW, dtype=np.int32)
+        self.tets[:elements] = raw.tetrahedra
+        self.element_ids = np.arange(element_capacity, dtype=np.uint32)
+        self.element_file_ids = np.full(element_capacity, -1, dtype=np.int64)
+        self.element_file_ids[:elements] = (
+            raw.element_file_ids if len(raw.element_file_ids) else np.arange(elements)
+        )
+        self.element_alive = np.zeros(element_capacity, dtype=np.bool_)
+        self.element_alive[:elements] = True
+        self.element_versions = np.ones(element_capacity, dtype=np.int64)
+        self.regions = np.zeros(element_capacity, dtype=np.int32)
+        if len(raw.regions):
+            self.regions[:elements] = raw.regions
+        self.incident = Incidence.build(
+            self.tets[:elements], self.element_alive[:elements], node_capacity
+        )
+
+    @property
+    def node_capacity(self) -> int:
+        """Rows the node arrays have room for."""
+        return len(self.rest)
+
+    @property
+    def element_capacity(self) -> int:
+        """Rows the element arrays have room for."""
+        return len(self.tets)
+
+    def node_rows_of(self, ids: NDArray[np.uint32]) -> NDArray[np.int32]:
+        """Rows of nodes by permanent id, same shape as `ids`; -1 where no living node has the id."""
+        return self._rows_of(ids, self.node_rows, self.node_alive)
+
+    def element_rows_of(self, ids: NDArray[np.uint32]) -> NDArray[np.int32]:
+        """Rows of elements by permanent id, same shape as `ids`; -1 where no living element has the id."""
+        return self._rows_of(ids, self.element_rows, self.element_alive)
+
+    @staticmethod
+    def _rows_of(
+        ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_]
+    ) -> NDArray[np.int32]:
+        # Within a session the id of a row is the row itself: rows never move and only grow (compaction starts a new
+        # epoch). All look-ups go through here, so that this stays one decision.
+        candidates = np.asarray(ids, dtype=np.int64)
+        known = candidates < rows
+        known &= alive[np.where(known, candidates, 0)]
+        return np.where(known, candidates, NO_ROW).astype(np.int32)
+
+    def apply(self, edit: TopologyEdit) -> EditChange:
+        """Apply an edit in time proportional to it. Modifies the mesh in place, or nothing at all on error.
+
+        Raises:
+            StaleEditError: Something in the read set changed after the edit's base version.
+            EditError: The edit names unknown ids or would leave an element without positive rest volume.
+        """
+        self._refuse_stale(edit)
+        nodes = self._Names(edit.copied_nodes, self.node_rows, "node")
+        added = self._Names(edit.added_elements, self.element_rows, "element")
+        moved = self._known(edit.moved_nodes, self.node_rows_of, "moved node")
+        anchors = self._known(edit.moved_anchors, self.node_rows_of, "anchor node")
+        parents = self._known(edit.copy_parents, self.node_rows_of, "parent node")
+        rewritten = self._known(edit.rewritten_elements, self.element_rows_of, "rewritten element")
+        removed = self._known(edit.removed_elements, self.element_rows_of, "removed element")
+        born_of = self._known(edit.added_parents, self.element_rows_of, "parent element")
+        rewritten_to = self._known(
+            nodes.permanent(edit.rewritten_nodes), lambda i: self._old_or_new(i, nodes), "node"
+        )
+        added_to = self._known(
+            nodes.permanent(edit.added_nodes), lambda i: self._old_or_new(i, nodes), "node"
+        )
+        self._refuse_fixed(moved)
+        self._reserve(len(nodes.rows), len(added.rows))
+
+        elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
+        if len(np.unique(elements)) != len(elements):
+            raise EditError("an element is rewritten or removed twice in one edit")
+        old = self.tets[elements].copy()
+        new = np.concatenate([rewritten_to, np.full((len(removed), 4), NO_ROW), added_to])
+        new = new.astype(np.int32)
+        old_moved_rest = self.rest[moved].copy()
+        neighbours = self._elements_at(moved)
+
+        self.rest[moved] = edit.moved_rest
+        self.rest[nodes.rows] = self.rest[parents]
+        affected = np.setdiff1d(neighbours, elements)
+        try:
+            self._refuse_flat(np.concatenate([self.tets[affected], new[new[:, 0] != NO_ROW]]))
+        except EditError:
+            self.rest[moved] = old_moved_rest
+            raise
+
+        self.version += 1
+        self._enter_nodes(nodes.rows, parents)
+        self._enter_elements(added.rows, born_of, removed)
+        self._rewire(elements, old, new)
+        touched = np.concatenate([old.ravel(), new.ravel(), self.tets[neighbours].ravel(), moved])
+        touched = np.unique(touched[touched != NO_ROW]).astype(np.int32)
+        self.node_versions[touched] = self.version
+        self.element_versions[elements] = self.version
+        self.element_versions[neighbours] = self.version
+        self._bury_orphans(touched)
+        applied = replace(
+            edit,
+            version=self.version,
+            copied_nodes=nodes.rows.astype(np.uint32),
+            rewritten_nodes=self.node_ids[rewritten_to],
+            added_elements=added.rows.astype(np.uint32),
+            added_nodes=self.node_ids[added_to],
+        )
+        return EditChange(
+            applied, moved, anchors, edit.moved_weights, old_moved_rest,
+            nodes.rows, parents, elements, old, new, touched,
+        )  # fmt: skip
+
+    class _Names:
+        """Permanent rows for the ids of new things, provisional in a plan and permanent in a replica."""
+
+        def __init__(self, ids: NDArray[np.uint32], first: int, what: str) -> None:
+            self.first = first
+            offset = np.asarray(ids, dtype=np.int64)
+            self.provisional = bool(len(offset)) and int(offset[0]) >= PROVISIONAL
+            expected = np.arange(len(offset)) + (PROVISIONAL if self.provisional else first)
+            if not np.array_equal(offset, expected):
+                raise EditError(
+                    f"new {what} ids must count up from {PROVISIONAL} in a plan, "
+                    f"or from {first}, the next free row, in an applied edit"
+                )
+            self.rows = np.arange(first, first + len(offset), dtype=np.int32)
+
+        def permanent(self, ids: NDArray[np.uint32]) -> NDArray[np.int64]:
+            wide = np.asarray(ids, dtype=np.int64)
+            return np.where(wide >= PROVISIONAL, wide - PROVISIONAL + self.first, wide)
+
+    def _old_or_new(self, ids: NDArray[np.int64], new: _Names) -> NDArray[np.int32]:
+        is_new = (ids >= new.first) & (ids < new.first + len(new.rows))
+        return np.where(is_new, ids, self.node_rows_of(np.where(is_new, 0, ids))).astype(np.int32)
+
+    @staticmethod
+    def _known(ids, rows_of, what: str) -> NDArray[np.int32]:  # type: ignore[no-untyped-def]
+        rows = rows_of(ids)
+        if (rows == NO_ROW).any():
+            missing = np.unique(np.asarray(ids)[rows == NO_ROW])[:5]
+            raise EditError(f"the edit names a {what} that is not there: id {missing.tolist()}")
+        return rows
+
+    def _refuse_stale(self, edit: TopologyEdit) -> None:
+        if not 0 < edit.base_version <= self.version:
+            raise StaleEditError(
+                f"planned on version {edit.base_version}; the tissue is at {self.version}"
+            )
+        for ids, rows_of, versions, what in (
+            (edit.read_nodes, self.node_rows_of, self.node_versions, "node"),
+            (edit.read_elements, self.element_rows_of, self.element_versions, "element"),
+        ):
+            rows = rows_of(ids)
+            changed = (rows == NO_ROW) | (versions[rows] > edit.base_version)
+            if changed.any():
+                raise StaleEditError(
+                    f"{int(changed.sum())} {what}s that the plan has read, {what} "
+                    f"{int(ids[changed][0])} among them, changed after version {edit.base_version}"
+                )
+
+    def _refuse_fixed(self, moved: NDArray[np.int32]) -> None:
+        if self.fixed[moved].any():
+            ids = self.node_ids[moved[self.fixed[moved]]][:5]
+            raise EditError(f"fixed nodes cannot be moved: id {ids.tolist()}")
+
+    def _refuse_flat(self, tets: NDArray[np.int32]) -> None:
+        volumes = signed_volumes(self.rest, tets)
+        bad = ~(volumes > 0)
+        if bad.any():
+            raise EditError(f"{int(bad.sum())} elements would have no positive rest volume")
+
+    def _elements_at(self, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
+        if not len(nodes):
+            return np.empty(0, dtype=np.int32)
+        return np.unique(np.concatenate([self.incident.of(int(n)) for n in nodes]))
+
+    def _reserve(self, nodes: int, elements: int) -> None:
+        def longer(array, rows: int, fill):  # type: ignore[no-untyped-def]
+            extra = np.full((rows - len(array), *array.shape[1:]), fill, dtype=array.dtype)
+            return np.concatenate([array, extra])
+
+        if self.node_rows + nodes > self.node_capacity:
+            rows = self.node_capacity + max(nodes, self.node_capacity // 4)
+            for name, fill in (
+                ("rest", 0), ("fixed", False), ("node_file_ids", -1), ("node_parents", 0),
+                ("node_alive", False), ("node_versions", 1),
+            ):  # fmt: skip
+                setattr(self, name, longer(getattr(self, name), rows, fill))
+            self.node_ids = np.arange(rows, dtype=np.uint32)
+            self.incident.grow(rows)
+        if self.element_rows + elements > self.element_capacity:
+            rows = self.element_capacity + max(elements, self.element_capacity // 4)
+            for name, fill in (
+                ("tets", NO_ROW), ("element_file_ids", -1), ("element_alive", False),
+                ("element_versions", 1), ("regions", 0),
+            ):  # fmt: skip
+                setattr(self, name, longer(getattr(self, name), rows, fill))
+            self.element_ids = np.arange(rows, dtype=np.uint32)
+
+    def _enter_nodes(self, rows: NDArray[np.int32], parents: NDArray[np.int32]) -> None:
+        self.node_alive[rows] = True
+        self.node_parents[rows] = self.node_ids[parents]
+        self.node_file_ids[rows] = -1
+        self.fixed[rows] = self.fixed[parents]
+        self.node_rows += len(rows)
+
+    def _enter_elements(
+        self, rows: NDArray[np.int32], parents: NDArray[np.int32], removed: NDArray[np.int32]
+    ) -> None:
+        self.element_alive[rows] = True
+        self.element_file_ids[rows] = -1
+        self.regions[rows] = self.regions[parents]
+        self.element_alive[removed] = False
+        self.element_rows += len(rows)
+
+    def _rewire(
+        self, elements: NDArray[np.int32], old: NDArray[np.int32], new: NDArray[np.int32]
+    ) -> None:
+        for element, before, after in zip(
+            elements.tolist(), old.tolist(), new.tolist(), strict=True
+        ):
+            for node in before:
+                if node != NO_ROW and node not in after:
+                    self.incident.remove(node, element)
+            for node in after:
+                if node != NO_ROW and node not in before:
+                    self.incident.add(node, element)
+        kept = new[:, 0] != NO_ROW
+        self.tets[elements[kept]] = new[kept]
+
+    def _bury_orphans(self, nodes: NDArray[np.int32]) -> None:
+        self.node_alive[nodes[self.incident.count[nodes] == 0]] = False

@@ -1,0 +1,1 @@
+"""How tools act on tissue: holds and the forces they feel."""

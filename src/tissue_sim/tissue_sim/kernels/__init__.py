@@ -1,0 +1,1 @@
+"""Numba loops, grouped by what they loop over."""
