@@ -99,18 +99,25 @@ make_venv() {
     --only-binary :all: --requirement requirements/bootstrap.lock
 }
 
-# uv takes a tenth of pip's time, checks the same hashes, and removes what the lock does not name.
+# uv takes a tenth of pip's time and checks the same hashes; where it cannot reach the index (pip
+# may be configured for a proxy that uv knows nothing of), pip does the same work.
 # empy comes as source only; it is built with the locked setuptools, not with one fetched anew.
 install_packages() {
+  local lock=requirements/py${version/./}.lock
+  local options=(--require-hashes --no-build-isolation --only-binary :all: --no-binary empy)
+  local bundle certificates=()
+  for bundle in /etc/ssl/certs/ca-certificates.crt /etc/pki/tls/certs/ca-bundle.crt; do
+    [ -e $bundle ] && certificates=(--system-certs)
+  done
   if [ -z "${UV_CACHE_DIR:-}" ] && ! mkdir -p "${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}/uv" 2>/dev/null; then
     export UV_CACHE_DIR=$root/build/uv-cache
   fi
   if [ -n "${PIP_INDEX_URL:-}" ]; then
     export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$PIP_INDEX_URL}
   fi
-  .venv/bin/uv pip sync --quiet --python .venv/bin/python --require-hashes --no-build-isolation \
-    --only-binary :all: --no-binary empy --compile-bytecode --link-mode "${UV_LINK_MODE:-hardlink}" \
-    "requirements/py${version/./}.lock"
+  .venv/bin/uv pip sync --quiet --python .venv/bin/python --compile-bytecode \
+      "${certificates[@]}" "${options[@]}" "$lock" \
+    || .venv/bin/python -m pip install --disable-pip-version-check "${options[@]}" --requirement "$lock"
 }
 
 # What .venv was made from: a change of any of it makes or mends it again.
