@@ -1,0 +1,234 @@
+"""Node `script`: plays a procedure. Publishes the tools' poses and uses, calls the services, ends with it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from std_msgs.msg import String
+from tissue_interfaces.msg import Journal, Status, Tool, ToolList
+from tissue_interfaces.srv import SetTool
+
+from tool_input.motion import Pose
+from tool_input.node_main import run_node
+from tool_input.player import Player
+from tool_input.procedure import Event, Procedure, ProcedureTool, load_procedure
+from tool_input.script_clock import SimulationClock, WallClock
+from tool_input.script_parameters import declared
+from tool_input.script_requests import Requests
+from tool_input.tool_topics import ToolTopics, pose_message
+
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+EVENTS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+POLL_SECONDS = 0.02
+
+
+class ScriptError(RuntimeError):
+    """The procedure cannot go on; the message says why."""
+
+
+class ScriptNode(Node):
+    """Plays one procedure in a thread of its own while the executor takes messages and answers.
+
+    Attributes:
+        future: Done when the procedure is over; its result is the exit code.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("script")
+        self.settings = declared(self)
+        self.procedure: Procedure = load_procedure(Path(self.settings.procedure))
+        self.future: Future = Future()
+        self._status: Status | None = None
+        self._tools: dict[str, Tool] = {}
+        self._topics = {
+            name: ToolTopics(self, name, self.procedure.frame_id) for name in self.procedure.tools
+        }
+        self._events = self.create_publisher(String, "script/event", EVENTS)
+        self._clock_source = SimulationClock() if self.settings.clock == "simulation" else None
+        self._requests = Requests(self, self.procedure, self._say, self.settings.service_timeout)
+        self.create_subscription(Status, "tissue/status", self._on_status, LATCHED)
+        self.create_subscription(ToolList, "tissue/tools", self._on_tools, LATCHED)
+        if self._clock_source is not None:
+            self.create_subscription(Journal, "tissue/journal", self._clock_source.hear, 1000)
+        self._player = Player(self.procedure, self)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._play, name="script", daemon=True)
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """End the thread, then the node."""
+        self._ended.set()
+        self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    # What the player calls
+
+    def pose(self, tool: str, pose: Pose) -> None:
+        """Publish a tool's pose."""
+        self._topics[tool].pose(pose)
+
+    def use(self, tool: str, pressed: bool) -> None:
+        """Publish a tool's use."""
+        self._topics[tool].use(pressed)
+        if self._player.time > 0.0 or pressed:
+            self._say(f"{'press' if pressed else 'release'} {tool}")
+
+    def act(self, event: Event) -> None:
+        """Call the service an event needs, or show its label."""
+        self._say(event.target if event.action == "label" else str(event))
+        if event.action != "label":
+            self._requests.send(event)
+
+    # What the executor calls
+
+    def _on_status(self, message: Status) -> None:
+        self._status = message
+
+    def _on_tools(self, message: ToolList) -> None:
+        self._tools = {tool.id: tool for tool in message.tools}
+
+    # The thread
+
+    def _play(self) -> None:
+        code = 1
+        try:
+            self._get_ready()
+            self._run()
+            self._requests.finish(self._ended)
+            code = 0 if not self._requests.failures else 1
+            self._say(f"over after {self._player.time:.2f} s")
+        except ScriptError as error:
+            if not self._ended.is_set():
+                self.get_logger().error(str(error))
+        except Exception as error:
+            if rclpy.ok():
+                self.get_logger().error(f"the procedure failed: {type(error).__name__}: {error}")
+        if self.settings.report:
+            self._write_report(Path(self.settings.report), code)
+        self.future.set_result(code)
+        if self.executor is not None:
+            self.executor.wake()
+
+    def _get_ready(self) -> None:
+        patience = self.settings.start_timeout
+        self._wait(lambda: self._ready(), patience, "tissue/status does not say READY")
+        self._wait(lambda: bool(self._tools) or not self._missing(), 2.0, "")
+        self._make_tools()
+        self._wait(
+            lambda: all(topics.matched for topics in self._topics.values()),
+            patience,
+            "nobody listens to tools/<tool>/servo_cp of "
+            f"{', '.join(n for n, t in self._topics.items() if not t.matched) or 'a tool'}",
+        )
+        for service in self._requests.needed():
+            self._wait(service.service_is_ready, patience, f"no service {service.srv_name}")
+
+    def _ready(self) -> bool:
+        if self._status is not None and self._status.state == Status.FAILED:
+            raise ScriptError(f"the simulation failed: {self._status.message}")
+        return self._status is not None and self._status.state == Status.READY
+
+    def _missing(self) -> list[ProcedureTool]:
+        return [tool for name, tool in self.procedure.tools.items() if name not in self._tools]
+
+    def _make_tools(self) -> None:
+        for name, tool in self.procedure.tools.items():
+            there = self._tools.get(name)
+            if there is not None and there.kind != tool.kind:
+                raise ScriptError(
+                    f"tool {name} is a {there.kind} tool there, not a {tool.kind} tool"
+                )
+            if there is None and not tool.shape:
+                raise ScriptError(
+                    f"the simulation has no tool {name}; known: {', '.join(self._tools) or 'none'}. "
+                    "Give its shape and size in the procedure, and it will be made"
+                )
+            if tool.shape and (
+                there is None or there.shape != tool.shape or tuple(there.size) != tool.size
+            ):
+                self._make_tool(tool)
+
+    def _make_tool(self, tool: ProcedureTool) -> None:
+        client = self.create_client(SetTool, "tissue/set_tool")
+        self._wait(client.service_is_ready, self.settings.start_timeout, "no tissue/set_tool")
+        request = SetTool.Request(request_id=f"script-tool-{tool.name}-{time.time_ns()}")
+        request.tool.id, request.tool.kind, request.tool.shape = tool.name, tool.kind, tool.shape
+        request.tool.size = [float(value) for value in tool.size]
+        request.tool.owner = self.get_fully_qualified_name()
+        request.tool.pose = pose_message(tool.start)
+        answer = client.call_async(request)
+        self._wait(answer.done, self.settings.service_timeout, "tissue/set_tool does not answer")
+        if not answer.result().success:
+            raise ScriptError(f"tool {tool.name} was refused: {answer.result().message}")
+
+    def _run(self) -> None:
+        clock = self._clock_source or WallClock()
+        self._player.begin()
+        clock.start()
+        period = 1.0 / self.settings.pose_hz
+        deadline = time.monotonic()
+        announced = -1
+        while not self._player.over:
+            deadline = max(deadline + period, time.monotonic() - period)
+            if self._ended.wait(max(0.0, deadline - time.monotonic())):
+                raise ScriptError("asked to end before the procedure was over")
+            if self._status is not None and self._status.state == Status.FAILED:
+                raise ScriptError(f"the simulation failed: {self._status.message}")
+            if clock.silence() > self.settings.start_timeout:
+                raise ScriptError(f"no tissue/journal for {clock.silence():.0f} s")
+            self._player.advance(clock.now())
+            tenth = int(10 * min(self._player.time / self.procedure.end, 1.0))
+            if tenth > announced:
+                announced = tenth
+                self.get_logger().info(f"{self.procedure.title}: {10 * tenth} %")
+
+    def _wait(self, condition: Callable[[], bool], seconds: float, problem: str) -> None:
+        """Wait for a condition; without a problem to report, go on when the time is over."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self._ended.wait(POLL_SECONDS):
+                raise ScriptError("asked to end before the procedure began")
+            if time.monotonic() > deadline:
+                if not problem:
+                    return
+                raise ScriptError(f"{problem} after {seconds:g} s")
+
+    def _say(self, text: str) -> None:
+        self._events.publish(String(data=text))
+        self.get_logger().info(f"{self._player.time:6.2f} s  {text}")
+
+    def _write_report(self, path: Path, code: int) -> None:
+        report: dict[str, Any] = {
+            "title": self.procedure.title,
+            "seconds": round(self._player.time, 3),
+            "exit_code": code,
+            "requests": self._requests.log,
+        }
+        path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point."""
+    sys.exit(run_node(ScriptNode, args))
+
+
+if __name__ == "__main__":
+    main()

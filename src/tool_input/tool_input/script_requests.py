@@ -1,0 +1,156 @@
+"""Services a procedure calls, without waiting for their answers."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+from tissue_interfaces.msg import Sweep
+from tissue_interfaces.srv import Cut, Grab, Release, SetModel
+
+from tool_input.procedure import Event, Procedure
+
+SERVICES = {
+    "cut": (Cut, "tissue/cut"),
+    "grab": (Grab, "tissue/grab"),
+    "let_go": (Release, "tissue/release"),
+    "model": (SetModel, "tissue/set_model"),
+    "pause": (SetBool, "tissue/pause"),
+    "reset": (Trigger, "tissue/reset"),
+}
+
+
+class Requests:
+    """Sends the requests of one procedure and remembers what became of them.
+
+    Attributes:
+        log: One entry per request: time, action, success, message and what else the answer says.
+        failures: Requests that were refused or not answered, for people.
+    """
+
+    def __init__(
+        self, node: Node, procedure: Procedure, say: Callable[[str], None], timeout: float
+    ) -> None:
+        """Create the clients the procedure needs.
+
+        Args:
+            node: The node they belong to.
+            procedure: What is played.
+            say: Told about every answer.
+            timeout: Longest wait for an answer [s].
+        """
+        self._node = node
+        self._procedure = procedure
+        self._say = say
+        self._timeout = timeout
+        actions = {event.action for event in procedure.events} & set(SERVICES)
+        self._clients: dict[str, Client] = {
+            action: node.create_client(*SERVICES[action]) for action in sorted(actions)
+        }
+        self._session = f"script-{time.time_ns():x}"
+        self._lock = threading.Lock()
+        self._waiting: dict[int, tuple[Event, float]] = {}
+        self._count = 0
+        self.log: list[dict[str, Any]] = []
+        self.failures: list[str] = []
+
+    def needed(self) -> list[Client]:
+        """The clients of all services the procedure calls."""
+        return list(self._clients.values())
+
+    def send(self, event: Event) -> None:
+        """Send the request of an event."""
+        self._count += 1
+        number = self._count
+        with self._lock:
+            self._waiting[number] = (event, time.monotonic())
+        request = self._request(event, f"{self._session}-{number}")
+        future = self._clients[event.action].call_async(request)
+        future.add_done_callback(lambda done: self._answered(number, done))
+
+    def finish(self, ended: threading.Event) -> None:
+        """Wait for the answers still missing; what does not come in time is a failure."""
+        deadline = time.monotonic() + self._timeout
+        while self._waiting and time.monotonic() < deadline and not ended.wait(0.02):
+            pass
+        with self._lock:
+            for event, _ in self._waiting.values():
+                self._fail(event, "no answer")
+            self._waiting.clear()
+
+    def _request(self, event: Event, request_id: str) -> object:
+        if event.action == "cut":
+            return Cut.Request(sweep=self._sweep(event), method=event.method, request_id=request_id)
+        if event.action == "grab":
+            return Grab.Request(tool=event.target, radius=event.value, request_id=request_id)
+        if event.action == "let_go":
+            return Release.Request(hold_id=0, tool=event.target, request_id=request_id)
+        if event.action == "model":
+            return SetModel.Request(
+                model=event.target,
+                parameter_names=list(event.parameters),
+                parameter_values=[float(value) for value in event.parameters.values()],
+                request_id=request_id,
+            )
+        if event.action == "pause":
+            return SetBool.Request(data=bool(event.value))
+        return Trigger.Request()
+
+    def _sweep(self, event: Event) -> Sweep:
+        assert event.sweep is not None
+        sweep = Sweep()
+        sweep.header.frame_id = self._procedure.frame_id
+        sweep.header.stamp = self._node.get_clock().now().to_msg()
+        sweep.vertices = event.sweep.vertices.ravel().tolist()
+        sweep.triangles = event.sweep.triangles.ravel().tolist()
+        return sweep
+
+    def _answered(self, number: int, future: Future) -> None:
+        with self._lock:
+            waiting = self._waiting.pop(number, None)
+        if waiting is None:
+            return
+        event, sent = waiting
+        answer = future.result()
+        entry: dict[str, Any] = {
+            "time": event.time,
+            "action": event.action,
+            "target": event.target,
+            "success": bool(answer.success),
+            "message": answer.message,
+            "milliseconds": round(1e3 * (time.monotonic() - sent), 3),
+        }
+        entry |= _details(event.action, answer)
+        self.log.append(entry)
+        if answer.success:
+            self._say(f"{event} done{': ' + answer.message if answer.message else ''}")
+        else:
+            self._fail(event, answer.message, logged=True)
+
+    def _fail(self, event: Event, message: str, logged: bool = False) -> None:
+        if not logged:
+            self.log.append(
+                {"time": event.time, "action": event.action, "success": False, "message": message}
+            )
+        text = f"{event.where}: {event} failed: {message}"
+        self.failures.append(text)
+        self._node.get_logger().error(text)
+
+
+def _details(action: str, answer: Any) -> dict[str, Any]:  # noqa: ANN401  # a generated class
+    """What an answer says beyond success and message."""
+    if action == "cut":
+        fields = answer.report.get_fields_and_field_types()
+        return {name: getattr(answer.report, name) for name in fields} | {
+            "version": answer.version,
+            "error_code": answer.error_code,
+        }
+    if action == "grab":
+        return {"hold_id": answer.hold_id, "nodes": answer.nodes, "taken": answer.taken}
+    return {}

@@ -1,0 +1,64 @@
+"""What every source of tool motion publishes: `tools/<tool>/servo_cp` and `tools/<tool>/use`."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
+
+from tool_input.motion import Pose
+
+POSE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+USE_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """A pose as ROS writes it."""
+    message = PoseMessage()
+    position, orientation = message.position, message.orientation
+    position.x, position.y, position.z = (float(value) for value in pose.position)
+    orientation.x, orientation.y, orientation.z, orientation.w = (
+        float(value) for value in pose.quaternion
+    )
+    return message
+
+
+class ToolTopics:
+    """Publishers of one tool.
+
+    Attributes:
+        tool: Name of the tool.
+    """
+
+    def __init__(self, node: Node, tool: str, frame_id: str) -> None:
+        """Create the publishers.
+
+        Args:
+            node: The node they belong to.
+            tool: Name of the tool.
+            frame_id: Frame the poses are given in.
+        """
+        self.tool = tool
+        self._clock = node.get_clock()
+        self._frame_id = frame_id
+        self._poses = node.create_publisher(PoseStamped, f"tools/{tool}/servo_cp", POSE_QOS)
+        self._uses = node.create_publisher(Bool, f"tools/{tool}/use", USE_QOS)
+
+    @property
+    def matched(self) -> bool:
+        """Whether somebody listens to the poses and to the uses."""
+        return bool(self._poses.get_subscription_count() and self._uses.get_subscription_count())
+
+    def pose(self, pose: Pose) -> None:
+        """Publish where the tool shall be, stamped now."""
+        message = PoseStamped()
+        message.header.stamp = self._clock.now().to_msg()
+        message.header.frame_id = self._frame_id
+        message.pose = pose_message(pose)
+        self._poses.publish(message)
+
+    def use(self, pressed: bool) -> None:
+        """Publish whether the tool is pressed."""
+        self._uses.publish(Bool(data=bool(pressed)))
