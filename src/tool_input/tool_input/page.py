@@ -122,7 +122,7 @@ class OperatingPage:
         with self._guard.installed():
             self.server = viser.ViserServer(host=host, port=port, label="tissue_sim", verbose=False)
         self.server.scene.set_up_direction("+z")
-        self.server.gui.configure_theme(dark_mode=True, control_layout="collapsible")
+        self.server.gui.configure_theme(dark_mode=True)
         self.server.on_client_disconnect(self._left)
         self._add_controls(models)
 
@@ -221,7 +221,7 @@ class OperatingPage:
     def _show_line(self, drag: _Drag) -> None:
         ends = self._to_page(np.array([[drag.start, drag.end]]))
         self._line = self.server.scene.add_line_segments(
-            "/cut", ends, colors=(255, 255, 255), line_width=3.0
+            "/cut", ends, colors=(255, 255, 255), thickness=3.0, thickness_units="screen"
         )
 
     def _hide_line(self) -> None:
