@@ -1,9 +1,9 @@
-"""The page a person works on: the deforming organ in a browser, to grab, pull and cut with the mouse."""
+"""The page a person works on: the deforming organ in a browser, to grab, pull and cut."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import viser
@@ -13,7 +13,7 @@ from tool_input.page_guard import PageGuard
 
 TISSUE = (196, 92, 84)
 ORGAN_SIZE = 2.0
-"""The organ's largest extent on the page, in the page's own units: viser's camera is made for scenes of about this size."""
+"""The organ's largest extent on the page, in the page's own units; viser's camera suits this size."""
 
 HELP = """
 **Drag on the tissue** to act, drag beside it to turn the view, scroll to zoom.
@@ -60,7 +60,8 @@ def swept_rectangle(
     """The rectangle a line drawn on the screen sweeps along the view.
 
     Args:
-        start, end: Ends of the line [m], shape (3,).
+        start: One end of the line [m], shape (3,).
+        end: The other end [m], shape (3,).
         eye: Where the camera is [m], shape (3,).
         depth: How far the rectangle reaches below the line [m]; it begins half that far above.
 
@@ -150,7 +151,11 @@ class OperatingPage:
         self._mesh.on_drag("left")(self._dragged)
 
     def show_positions(self, vertices: NDArray[np.float32]) -> None:
-        """Show the same surface deformed: positions [m] in the order of `show_topology`, shape (n, 3)."""
+        """Show the same surface deformed.
+
+        Args:
+            vertices: Positions [m] in the order of `show_topology`, shape (n, 3).
+        """
         if self._mesh is not None:
             self._mesh.vertices = self._to_page(vertices)
 
@@ -183,7 +188,7 @@ class OperatingPage:
     def _to_page(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         return ((points - self._centre) * self._scale).astype(np.float32)
 
-    def _to_organ(self, point: Any) -> NDArray[np.float64]:
+    def _to_organ(self, point: tuple[float, ...] | NDArray[np.floating]) -> NDArray[np.float64]:
         return np.asarray(point, dtype=np.float64) / self._scale + self._centre
 
     async def _dragged(self, event: viser.SceneNodeDragEvent[viser.MeshHandle]) -> None:

@@ -1,8 +1,8 @@
 """Who may open the page: only this machine's browser, with the session's token.
 
-viser has no access control of its own. A page on a loopback port can still be reached by any web page the person has
-open (DNS rebinding, cross-site websockets), so every request's Host and Origin are checked and the token printed at
-start is demanded once; a cookie carries it afterwards.
+viser has no access control of its own. A page on a loopback port can still be reached by any web
+page the person has open (DNS rebinding, cross-site websockets), so every request's Host and Origin
+are checked and the token printed at start is demanded once; a cookie carries it afterwards.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class PageGuard:
 
     @contextmanager
     def installed(self) -> Iterator[None]:
-        """Guard every websockets server started inside the block (viser offers no hook of its own)."""
+        """Guard every websockets server started inside the block; viser offers no hook."""
         serve = websockets.asyncio.server.serve
 
         def guarded(*args: Any, **options: Any) -> Any:

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from websockets.datastructures import Headers
+
 from tool_input.page import OperatingPage, swept_rectangle
 from tool_input.page_guard import PageGuard
-from websockets.datastructures import Headers
 
 
 class Recorder:
