@@ -33,7 +33,8 @@ class WallClock:
 class SimulationClock:
     """The organ's time, from the journal.
 
-    Where the simulation is slower than real time, so is the procedure. It stands still while the simulation is paused and goes on over a reset.
+    Where the simulation is slower than real time, so is the procedure. It stands still while the
+    simulation is paused and goes on over a reset.
     """
 
     def __init__(self) -> None:

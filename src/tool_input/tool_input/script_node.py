@@ -1,4 +1,4 @@
-"""Node `script`: plays a procedure. Publishes the tools' poses and uses, calls the services, ends with it."""
+"""Node `script`: plays a procedure: publishes poses and uses, calls services, ends with it."""
 
 from __future__ import annotations
 
@@ -158,7 +158,8 @@ class ScriptNode(Node):
                 )
             if there is None and not tool.shape:
                 raise ScriptError(
-                    f"the simulation has no tool {name}; known: {', '.join(self._tools) or 'none'}. "
+                    f"the simulation has no tool {name}; "
+                    f"known: {', '.join(self._tools) or 'none'}. "
                     "Give its shape and size in the procedure, and it will be made"
                 )
             if tool.shape and (

@@ -48,7 +48,7 @@ def declared(node: Node) -> ScriptParameters:
         raise ValueError("no procedure: give its file with -p procedure:=FILE")
     if clock not in CLOCKS:
         raise ValueError(f"clock = {clock!r} is not allowed; allowed: {', '.join(CLOCKS)}")
-    return ScriptParameters(
+    parameters = ScriptParameters(
         procedure=procedure,
         pose_hz=declare_number(
             node, "pose_hz", 125.0, 1.0, 1000.0, "poses per second and tool [Hz]"

@@ -103,7 +103,8 @@ class Requests:
         return Trigger.Request()
 
     def _sweep(self, event: Event) -> Sweep:
-        assert event.sweep is not None
+        if event.sweep is None:
+            raise ValueError(f"{event.where}: a cut without a sweep")
         sweep = Sweep()
         sweep.header.frame_id = self._procedure.frame_id
         sweep.header.stamp = self._node.get_clock().now().to_msg()
@@ -143,7 +144,7 @@ class Requests:
         self._node.get_logger().error(text)
 
 
-def _details(action: str, answer: Any) -> dict[str, Any]:  # noqa: ANN401  # a generated class
+def _details(action: str, answer: Any) -> dict[str, Any]:  # a generated class
     """What an answer says beyond success and message."""
     if action == "cut":
         fields = answer.report.get_fields_and_field_types()
