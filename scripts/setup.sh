@@ -101,6 +101,8 @@ make_venv() {
 
 # uv takes a tenth of pip's time and checks the same hashes; where it cannot reach the index (pip
 # may be configured for a proxy that uv knows nothing of), pip does the same work.
+# Not `uv pip sync`: the ROS wheels carry egg-info of their contents, which it takes for packages
+# that nobody asked for and removes.
 # empy comes as source only; it is built with the locked setuptools, not with one fetched anew.
 install_packages() {
   local lock=requirements/py${version/./}.lock
@@ -115,8 +117,8 @@ install_packages() {
   if [ -n "${PIP_INDEX_URL:-}" ]; then
     export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$PIP_INDEX_URL}
   fi
-  .venv/bin/uv pip sync --quiet --python .venv/bin/python --compile-bytecode \
-      "${certificates[@]}" "${options[@]}" "$lock" \
+  .venv/bin/uv pip install --quiet --python .venv/bin/python --compile-bytecode \
+      "${certificates[@]}" "${options[@]}" --requirement "$lock" \
     || .venv/bin/python -m pip install --disable-pip-version-check "${options[@]}" --requirement "$lock"
 }
 
@@ -141,6 +143,8 @@ fi
 if [ -z "$version" ] || [ "$(cat $stamp)" != "$(venv_signature "$version")" ] || ! .venv/bin/python -c '' 2>/dev/null; then
   rm -f $stamp
   check_machine
+  # CMake remembers the headers of the Python before, and install/ may hold another one's modules.
+  rm -rf build install
   say "Python $version ($python), $(${CXX:-c++} --version | head -n 1)"
   stage "virtual environment" venv make_venv
   stage "packages (about 2.3 GB with compiled files)" packages install_packages
