@@ -1,8 +1,8 @@
 """Ends the processes of a launcher that died without doing so itself.
 
 The launcher holds the other end of this process's standard input and writes the id of each process
-group it starts, one a line. When the launcher is gone, however it went, the input ends and the groups
-named are ended. Standard library only, so that it is small and starts at once.
+group it starts, one a line. When the launcher is gone, however it went, the input ends and the
+groups named are ended. Standard library only, so that it is small and starts at once.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Starts processes, watches them and ends them together.
 
 Every process is the leader of a group of its own, so that its children end with it, and Ctrl-C at
-the terminal reaches the launcher only, which then ends the others in order. Should the launcher itself
-be killed, the kernel signals the processes it started (PR_SET_PDEATHSIG) and a guardian process ends
-whole groups.
+the terminal reaches the launcher only, which then ends the others in order. Should the launcher
+itself be killed, the kernel signals the processes it started (PR_SET_PDEATHSIG) and a guardian
+process ends whole groups.
 """
 
 from __future__ import annotations
@@ -215,11 +215,11 @@ class Launcher:
             for process in running:
                 self._measure(process)
                 guardian.signal_group(process.popen.pid, number)
-            patience = max((process.spec.patience for process in running), default=0.0)
-            deadline = time.monotonic() + patience
-            while any(self._group_alive(process) for process in running):
-                if time.monotonic() > deadline:
-                    break
+            asked = time.monotonic()
+            while any(
+                time.monotonic() < asked + process.spec.patience and self._group_alive(process)
+                for process in running
+            ):
                 time.sleep(POLL_SECONDS / 5)
         for process in chosen:
             self._tell_guardian("ended", process.popen.pid)

@@ -11,27 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.task import Future
 from std_msgs.msg import String
 from tissue_interfaces.msg import Journal, Status, Tool, ToolList
 from tissue_interfaces.srv import SetTool
 
+from tissue_sim import node_main, qos
 from tool_input.motion import Pose
-from tool_input.node_main import run_node
 from tool_input.player import Player
 from tool_input.procedure import Event, Procedure, ProcedureTool, load_procedure
 from tool_input.script_clock import SimulationClock, WallClock
-from tool_input.script_parameters import declared
+from tool_input.script_parameters import SPECS, ScriptParameters
 from tool_input.script_requests import Requests
 from tool_input.tool_topics import ToolTopics, pose_message
 
-LATCHED = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 EVENTS = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -48,14 +43,14 @@ class ScriptNode(Node):
     """Plays one procedure in a thread of its own while the executor takes messages and answers.
 
     Attributes:
-        future: Done when the procedure is over; its result is the exit code.
+        exit_code: 0 when everything was played and no request failed.
     """
 
     def __init__(self) -> None:
         super().__init__("script")
-        self.settings = declared(self)
+        self.settings = ScriptParameters.of(node_main.declare(self, SPECS))
         self.procedure: Procedure = load_procedure(Path(self.settings.procedure))
-        self.future: Future = Future()
+        self.exit_code = 1
         self._status: Status | None = None
         self._tools: dict[str, Tool] = {}
         self._topics = {
@@ -64,20 +59,21 @@ class ScriptNode(Node):
         self._events = self.create_publisher(String, "script/event", EVENTS)
         self._clock_source = SimulationClock() if self.settings.clock == "simulation" else None
         self._requests = Requests(self, self.procedure, self._say, self.settings.service_timeout)
-        self.create_subscription(Status, "tissue/status", self._on_status, LATCHED)
-        self.create_subscription(ToolList, "tissue/tools", self._on_tools, LATCHED)
+        self.create_subscription(Status, "tissue/status", self._on_status, qos.LATCHED)
+        self.create_subscription(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
         if self._clock_source is not None:
-            self.create_subscription(Journal, "tissue/journal", self._clock_source.hear, 1000)
+            self.create_subscription(
+                Journal, "tissue/journal", self._clock_source.hear, qos.JOURNAL
+            )
         self._player = Player(self.procedure, self)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._play, name="script", daemon=True)
         self._thread.start()
 
-    def destroy_node(self) -> None:
-        """End the thread, then the node."""
+    def close(self) -> None:
+        """End the thread."""
         self._ended.set()
         self._thread.join(timeout=5.0)
-        super().destroy_node()
 
     # What the player calls
 
@@ -108,13 +104,13 @@ class ScriptNode(Node):
     # The thread
 
     def _play(self) -> None:
-        code = 1
         try:
             self._get_ready()
             self._run()
             self._requests.finish(self._ended)
-            code = 0 if not self._requests.failures else 1
             self._say(f"over after {self._player.time:.2f} s")
+            self._events.wait_for_all_acked(Duration(seconds=1.0))
+            self.exit_code = 0 if not self._requests.failures else 1
         except ScriptError as error:
             if not self._ended.is_set():
                 self.get_logger().error(str(error))
@@ -122,10 +118,8 @@ class ScriptNode(Node):
             if rclpy.ok():
                 self.get_logger().error(f"the procedure failed: {type(error).__name__}: {error}")
         if self.settings.report:
-            self._write_report(Path(self.settings.report), code)
-        self.future.set_result(code)
-        if self.executor is not None:
-            self.executor.wake()
+            self._write_report(Path(self.settings.report))
+        rclpy.try_shutdown()
 
     def _get_ready(self) -> None:
         patience = self.settings.start_timeout
@@ -216,11 +210,11 @@ class ScriptNode(Node):
         self._events.publish(String(data=text))
         self.get_logger().info(f"{self._player.time:6.2f} s  {text}")
 
-    def _write_report(self, path: Path, code: int) -> None:
+    def _write_report(self, path: Path) -> None:
         report: dict[str, Any] = {
             "title": self.procedure.title,
             "seconds": round(self._player.time, 3),
-            "exit_code": code,
+            "exit_code": self.exit_code,
             "requests": self._requests.log,
         }
         path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
@@ -228,7 +222,7 @@ class ScriptNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Entry point."""
-    sys.exit(run_node(ScriptNode, args))
+    sys.exit(node_main.run(ScriptNode, args))
 
 
 if __name__ == "__main__":

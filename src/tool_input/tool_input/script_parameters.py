@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from rclpy.node import Node
+from tissue_sim.parameters import ParameterError, Spec
 
-from tool_input.declared import (
-    declare_number,
-    declare_text,
-    refuse_unknown,
+SPECS = (
+    Spec("procedure", "string", "", "YAML file to play"),
+    Spec("pose_hz", "double", 125.0, "poses per second and tool", "Hz", 1.0, 1000.0),
+    Spec(
+        "clock",
+        "string",
+        "wall",
+        "what the procedure's seconds are: real ones, or the organ's own",
+        choices=("wall", "simulation"),
+    ),
+    Spec("start_timeout", "double", 120.0, "longest wait for the simulation", "s", 0.1, 3600.0),
+    Spec("service_timeout", "double", 60.0, "longest wait for an answer", "s", 0.1, 3600.0),
+    Spec("report", "string", "", "JSON file for the services' answers; empty: none"),
 )
-
-CLOCKS = ("wall", "simulation")
 
 
 @dataclass(frozen=True)
 class ScriptParameters:
-    """What the script node can be told.
-
-    Attributes:
-        procedure: File to play.
-        pose_hz: Poses per second and tool [Hz].
-        clock: "wall", or "simulation": the organ's own time.
-        start_timeout: Longest wait for the simulation [s].
-        service_timeout: Longest wait for an answer [s].
-        report: JSON file for what the services answered; empty: none.
-    """
+    """What the script node can be told; `SPECS` describes each."""
 
     procedure: str
     pose_hz: float
@@ -35,32 +34,13 @@ class ScriptParameters:
     service_timeout: float
     report: str
 
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> ScriptParameters:
+        """The parameters from their checked values.
 
-def declared(node: Node) -> ScriptParameters:
-    """Declare the parameters and take their values.
-
-    Raises:
-        ValueError: One of them is not allowed.
-    """
-    procedure = declare_text(node, "procedure", "", "YAML file to play")
-    clock = declare_text(node, "clock", "wall", "wall, or simulation: the organ's own time")
-    if not procedure:
-        raise ValueError("no procedure: give its file with -p procedure:=FILE")
-    if clock not in CLOCKS:
-        raise ValueError(f"clock = {clock!r} is not allowed; allowed: {', '.join(CLOCKS)}")
-    parameters = ScriptParameters(
-        procedure=procedure,
-        pose_hz=declare_number(
-            node, "pose_hz", 125.0, 1.0, 1000.0, "poses per second and tool [Hz]"
-        ),
-        clock=clock,
-        start_timeout=declare_number(
-            node, "start_timeout", 120.0, 0.1, 3600.0, "longest wait for the simulation [s]"
-        ),
-        service_timeout=declare_number(
-            node, "service_timeout", 60.0, 0.1, 3600.0, "longest wait for an answer [s]"
-        ),
-        report=declare_text(node, "report", "", "JSON file for the services' answers; empty: none"),
-    )
-    refuse_unknown(node)
-    return parameters
+        Raises:
+            ParameterError: There is no procedure.
+        """
+        if not values["procedure"]:
+            raise ParameterError("no procedure: give its file with -p procedure:=FILE")
+        return cls(**values)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 
+from tissue_sim import qos
 from tool_input.motion import Pose
-
-POSE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-USE_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def pose_message(pose: Pose) -> PoseMessage:
@@ -43,8 +40,8 @@ class ToolTopics:
         self.tool = tool
         self._clock = node.get_clock()
         self._frame_id = frame_id
-        self._poses = node.create_publisher(PoseStamped, f"tools/{tool}/servo_cp", POSE_QOS)
-        self._uses = node.create_publisher(Bool, f"tools/{tool}/use", USE_QOS)
+        self._poses = node.create_publisher(PoseStamped, f"tools/{tool}/servo_cp", qos.POSE)
+        self._uses = node.create_publisher(Bool, f"tools/{tool}/use", qos.USE)
 
     @property
     def matched(self) -> bool:
