@@ -1,0 +1,54 @@
+"""Quality of service of every topic, for both sides."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _profile(
+    depth: int,
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=reliability,
+        durability=durability,
+    )
+
+
+STATE = _profile(1)
+"""tissue/state: only the newest frame counts; reliable, since one lost fragment loses a frame."""
+
+POSE = _profile(1)
+"""What publishers of tools/<tool>/servo_cp offer."""
+
+POSE_IN = _profile(16, ReliabilityPolicy.BEST_EFFORT)
+"""Subscriber to tools/<tool>/servo_cp: best effort matches both kinds of publisher. Only the newest
+pose is used; the queue is deeper so that none is lost, and no jump appears, while the executor is
+busy."""
+
+MEASURED = _profile(1)
+"""tools/<tool>/measured_cp and measured_cf."""
+
+USE = _profile(10)
+"""tools/<tool>/use and tools/<tool>/clutch: every edge counts."""
+
+LATCHED = _profile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""tissue/topology, tissue/status, tissue/tools: late joiners get the newest."""
+
+EDITS = _profile(1024, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""tissue/edits: late joiners get the keyframe, then the newer edits (see MAX_UNKEYED_EDITS)."""
+
+MAX_UNKEYED_EDITS = 512
+"""A keyframe is published before so many edits lie unkeyed: half of what `EDITS` keeps."""
+
+JOURNAL = _profile(1000)
+"""tissue/journal: a gap would end the replay."""
+
+CUT_REQUEST = _profile(10)
+"""tissue/cut_request."""
+
+DIAGNOSTICS = _profile(10)
+"""/diagnostics."""
