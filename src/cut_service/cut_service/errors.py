@@ -1,0 +1,39 @@
+"""Why a cut cannot be made."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class CutCode(IntEnum):
+    """Error codes of a cut; the numbers are those of `tissue_interfaces/srv/Cut`."""
+
+    NONE = 0
+    INVALID_SWEEP = 1
+    UNKNOWN_FRAME = 2
+    UNKNOWN_METHOD = 3
+    NO_TISSUE = 4
+    MISSED = 5
+    STALE = 6
+    SIMULATION_LOST = 7
+    REFUSED = 8
+    STATE_FRAME_GONE = 9
+
+
+class CutError(ValueError):
+    """A cut that cannot be made; nothing was changed.
+
+    Attributes:
+        code: Which kind of failure, for programs.
+    """
+
+    def __init__(self, code: CutCode, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class SweepError(CutError):
+    """A sweep that is not finite, is degenerate or enormous, or names vertices it does not have."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(CutCode.INVALID_SWEEP, message)

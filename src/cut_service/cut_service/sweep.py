@@ -1,0 +1,150 @@
+"""The surface a blade sweeps: what a cut follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cut_service.errors import SweepError
+from cut_service.sweep_kernels import closest_on_sweep
+
+MAX_TRIANGLES = 2000
+"""More triangles than a blade's path needs; a guard against requests that would stall the service."""
+
+MAX_SIZE_RATIO = 100.0
+"""A sweep this many times as large as the organ is a mistake of units."""
+
+FLAT = 1e-10
+"""A triangle whose area is below this share of its longest edge squared has no direction."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A triangulated surface, in the frame and the units of the organ. Build it with `from_arrays`, which checks it.
+
+    Attributes:
+        vertices: Positions [m], float64, shape (vertex_count, 3).
+        triangles: Three vertices each, shape (triangle_count, 3); triangles without area have been left out.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def from_arrays(cls, vertices: ArrayLike, triangles: ArrayLike) -> Sweep:
+        """Check and build a sweep.
+
+        Args:
+            vertices: Positions [m], shape (vertex_count, 3) or flat.
+            triangles: Vertex numbers, shape (triangle_count, 3) or flat, in any order.
+
+        Raises:
+            SweepError: Not finite, of the wrong length, without area, or naming vertices that are not there.
+        """
+        points = np.array(vertices, dtype=np.float64).reshape(-1)
+        corners = np.array(triangles, dtype=np.int64).reshape(-1)
+        if len(points) % 3 or len(corners) % 3:
+            raise SweepError(
+                f"a sweep needs three numbers per vertex and three vertices per triangle; "
+                f"got {len(points)} and {len(corners)} numbers"
+            )
+        points, corners = points.reshape(-1, 3), corners.reshape(-1, 3)
+        if not 0 < len(corners) <= MAX_TRIANGLES:
+            raise SweepError(
+                f"a sweep has {len(corners)} triangles; allowed: 1 to {MAX_TRIANGLES}"
+            )
+        if not np.isfinite(points).all():
+            raise SweepError("a vertex of the sweep is not finite")
+        if corners.min() < 0 or corners.max() >= len(points):
+            raise SweepError(
+                f"a triangle of the sweep names vertex {int(corners.max())}; there are {len(points)}"
+            )
+        solid = _has_area(points[corners])
+        if not solid.any():
+            raise SweepError("the sweep is degenerate: none of its triangles has an area")
+        return cls(points, np.ascontiguousarray(corners[solid], dtype=np.int32))
+
+    @classmethod
+    def between(cls, first: ArrayLike, second: ArrayLike) -> Sweep:
+        """The strip between two poses of a blade.
+
+        Args:
+            first: Points along the blade at first [m], shape (n, 3), n at least 2.
+            second: The same points later [m], shape (n, 3).
+        """
+        start, end = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+        n = len(start)
+        i = np.arange(n - 1)
+        lower = np.stack([i, i + 1, n + i], axis=1)
+        upper = np.stack([i + 1, n + i + 1, n + i], axis=1)
+        return cls.from_arrays(np.concatenate([start, end]), np.concatenate([lower, upper]))
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corner positions of every triangle [m], shape (triangle_count, 3, 3)."""
+        return self.vertices[self.triangles]
+
+    @property
+    def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper corner of the bounding box [m], shape (3,) each."""
+        used = self.corners.reshape(-1, 3)
+        return used.min(axis=0), used.max(axis=0)
+
+    def moved(self, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> Sweep:
+        """The sweep after x -> rotation x + translation; rotation of shape (3, 3), translation [m] of shape (3,)."""
+        return Sweep(self.vertices @ rotation.T + translation, self.triangles)
+
+    def closest(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+        """Closest points of the sweep.
+
+        Args:
+            points: Positions [m], shape (n, 3).
+
+        Returns:
+            Closest points [m], shape (n, 3), their distances [m], shape (n,), and the triangles they lie in, shape (n,).
+        """
+        places = np.ascontiguousarray(points, dtype=np.float64)
+        nearest, distances = np.empty_like(places), np.empty(len(places))
+        which = np.zeros(len(places), dtype=np.int32)
+        closest_on_sweep(places, self.corners, nearest, distances, which)
+        return nearest, distances, which
+
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of points from the sweep [m], shape (n,)."""
+        return self.closest(points)[1]
+
+    def signed_distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of points [m], shape (n,), positive on the side the closest triangle's normal points to."""
+        nearest, distances, which = self.closest(points)
+        corners = self.corners[which]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return np.copysign(distances, np.einsum("ij,ij->i", normals, points - nearest))
+
+    def check_size(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> None:
+        """Refuse a sweep that is enormous beside the organ.
+
+        Args:
+            lower: Lower corner of the organ's bounding box [m], shape (3,).
+            upper: Upper corner [m], shape (3,).
+
+        Raises:
+            SweepError: The sweep is more than `MAX_SIZE_RATIO` times as large.
+        """
+        own_lower, own_upper = self.box
+        size, organ = np.linalg.norm(own_upper - own_lower), np.linalg.norm(upper - lower)
+        if size > MAX_SIZE_RATIO * organ:
+            raise SweepError(
+                f"the sweep is {size:.3g} m large and the organ {organ:.3g} m; allowed: "
+                f"{MAX_SIZE_RATIO:g} times the organ (are its units metres?)"
+            )
+
+
+def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return area > FLAT * longest
