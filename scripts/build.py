@@ -78,7 +78,9 @@ def remove_leftovers(package: Path) -> None:
     if package.name == INTERFACES:
         return
     shutil.rmtree(ROOT / "build" / package.name, ignore_errors=True)
-    for modules in (ROOT / "install" / package.name).glob(f"lib/python3*/site-packages/{package.name}"):
+    for modules in (ROOT / "install" / package.name).glob(
+        f"lib/python3*/site-packages/{package.name}"
+    ):
         for path in list(source_files(modules)):
             if not (package / package.name / path.relative_to(modules)).exists():
                 path.unlink()
@@ -99,7 +101,7 @@ def colcon_build(packages: list[Path]) -> None:
     names = [package.name for package in packages]
     command = [str(VENV / "bin" / "colcon"), "--log-base", str(LOGS / "colcon"), "build"]
     command += ["--packages-select", *names, "--event-handlers", "console_direct+"]
-    command += ["--cmake-args", "--no-warn-unused-cli", f"-DPython3_EXECUTABLE={VENV}/bin/python"]
+    command += ["--cmake-args", f"-DPython3_EXECUTABLE={VENV}/bin/python"]
     LOGS.mkdir(parents=True, exist_ok=True)
     log = LOGS / "build.txt"
     with log.open("wb") as output:

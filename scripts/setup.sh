@@ -125,7 +125,7 @@ install_packages() {
 # What .venv was made from: a change of any of it makes or mends it again.
 venv_signature() {
   printf '%s\n' "$root" "$1"
-  sha256sum requirements/bootstrap.lock "requirements/py${1/./}.lock" 2>/dev/null
+  grep -hv '^ *#' requirements/bootstrap.lock "requirements/py${1/./}.lock" | sha256sum
 }
 
 exec 9>.setup.lock

@@ -1,0 +1,1 @@
+"""What tests of several packages share; `test/` is on the path of every test."""

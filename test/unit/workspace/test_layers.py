@@ -1,0 +1,76 @@
+"""The numeric library is plain Python: nothing in it needs ROS."""
+
+from __future__ import annotations
+
+import fnmatch
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.workspace import Module, imported, modules
+
+# Nodes, and the files that translate between messages and arrays or talk to ROS for a node.
+ROS_SIDE = (
+    "*/*_node.py",
+    "*/conversions.py",
+    "*/qos.py",
+    "tissue_sim/node_main.py",
+    "viz_bridge/recorded_topics.py",
+    "tool_input/script_clock.py",
+    "tool_input/script_requests.py",
+    "tool_input/tool_topics.py",
+)
+# No file in these folders may join the list above.
+NUMERIC_FOLDERS = ("geometry", "elastic", "kernels", "interaction", "compare")
+ROS_PACKAGES = ("rclpy", "rcl_interfaces", "rosidl", "rmw", "launch")
+
+
+def needs_ros(name: str) -> bool:
+    """Whether an imported name belongs to ROS or to a message package."""
+    top = name.partition(".")[0]
+    return top.startswith(ROS_PACKAGES) or top.endswith(("_msgs", "_srvs", "_interfaces"))
+
+
+def is_ros_side(module: Module) -> bool:
+    path = module.path.as_posix()
+    if set(module.name.split(".")) & set(NUMERIC_FOLDERS):
+        return False
+    return any(fnmatch.fnmatch(path, f"*/src/*/{pattern}") for pattern in ROS_SIDE)
+
+
+NUMERIC = [module for module in modules().values() if not is_ros_side(module)]
+
+
+@pytest.mark.parametrize("module", NUMERIC, ids=lambda module: module.name)
+def test_numeric_core_imports_no_ros(module: Module) -> None:
+    found = [name for name in imported(module) if needs_ros(name)]
+    assert found == [], "a helper that talks to ROS for a node belongs into ROS_SIDE"
+
+
+BLOCKED_IMPORTS = """
+import importlib, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "tissue_interfaces", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(f"{name} is blocked")
+
+sys.meta_path.insert(0, NoRos())
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+"""
+
+
+def test_numeric_core_runs_where_ros_is_not_installed(tmp_path: Path) -> None:
+    """Also through what the modules import in turn."""
+    names = [m.name for m in NUMERIC if m.package in ("tissue_sim", "cut_service")]
+    result = subprocess.run(
+        [sys.executable, "-c", BLOCKED_IMPORTS, *names],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    assert result.returncode == 0, result.stderr
