@@ -1,0 +1,376 @@
+"""Messages of tissue_interfaces to the numeric core's types, and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, PoseStamped, WrenchStamped
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+from tissue_interfaces.msg import Command as CommandMsg
+from tissue_interfaces.msg import CutRequest, Journal, Sweep, TissueState, Topology
+from tissue_interfaces.msg import Tool as ToolMsg
+from tissue_interfaces.msg import ToolSample as ToolSampleMsg
+from tissue_interfaces.msg import TopologyEdit as EditMsg
+
+from tissue_sim.frame import Command, Cut, FrameInputs, JournalEntry, ToolSample
+from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.surface import boundary_triangles
+
+ALIVE, FIXED = 1, 2
+"""Bits of Topology.node_flags and element_flags."""
+
+_EDIT_IDS = (
+    "read_nodes", "read_elements", "moved_nodes", "moved_anchors", "copied_nodes", "copy_parents",
+    "rewritten_elements", "rewritten_nodes", "removed_elements", "added_elements", "added_nodes",
+    "added_parents",
+)  # fmt: skip
+_EDIT_REALS = ("moved_rest", "moved_weights")
+_EDIT_ITEMS = {"moved_anchors": 4, "rewritten_nodes": 4, "added_nodes": 4, "moved_weights": 4}
+_EDIT_ITEMS["moved_rest"] = 3
+
+
+def header(frame_id: str, stamp: Time) -> Header:
+    """A header."""
+    return Header(stamp=stamp, frame_id=frame_id)
+
+
+def stamp_of(nanoseconds: int) -> Time:
+    """A time message."""
+    seconds, rest = divmod(int(nanoseconds), 1_000_000_000)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def nanoseconds_of(stamp: Time) -> int:
+    """A time message in nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def array_of(field: Any, dtype: type[np.generic]) -> NDArray[Any]:
+    """A numeric array field; shares memory with messages of rclpy, copies those of bag readers."""
+    return np.asarray(field, dtype=dtype)
+
+
+def fill(field: Any, values: NDArray[Any]) -> None:
+    """Append values to an empty array field of a new message; much faster than assigning.
+
+    Args:
+        field: An `array.array` as rclpy makes it.
+        values: Values, any shape.
+    """
+    dtype = np.dtype(field.typecode)
+    flat = np.ascontiguousarray(values, dtype=dtype).reshape(-1)
+    if flat.size:
+        field.frombytes(flat.data.cast("B"))
+
+
+def epoch_field(epoch: bytes) -> NDArray[np.uint8]:
+    """An epoch as a field."""
+    return np.frombuffer(epoch, dtype=np.uint8)
+
+
+def epoch_of(message: Any) -> bytes:
+    """The epoch of any message that has one."""
+    return bytes(bytearray(int(value) for value in message.epoch))
+
+
+# Poses and tools
+
+
+def pose_array(pose: Pose) -> NDArray[np.float64]:
+    """A pose message as x y z [m] and quaternion x y z w, shape (7,)."""
+    p, q = pose.position, pose.orientation
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w], dtype=np.float64)
+
+
+def fill_pose(message: Pose, pose: Sequence[float] | NDArray[np.float64]) -> None:
+    """Write a pose, shape (7,), into a message."""
+    x, y, z, qx, qy, qz, qw = (float(value) for value in pose)
+    p, q = message.position, message.orientation
+    p.x, p.y, p.z = x, y, z
+    q.x, q.y, q.z, q.w = qx, qy, qz, qw
+
+
+def pose_message(pose: Sequence[float] | NDArray[np.float64]) -> Pose:
+    """A pose, shape (7,), as a message."""
+    message = Pose()
+    fill_pose(message, pose)
+    return message
+
+
+def pose_stamped(
+    pose: Sequence[float] | NDArray[np.float64], frame_id: str, stamp: Time
+) -> PoseStamped:
+    """A pose, shape (7,), as a stamped message."""
+    return PoseStamped(header=header(frame_id, stamp), pose=pose_message(pose))
+
+
+def wrench_stamped(wrench: NDArray[np.float64], frame_id: str, stamp: Time) -> WrenchStamped:
+    """Force [N] and torque [N m], shape (6,), as a stamped message."""
+    message = WrenchStamped(header=header(frame_id, stamp))
+    fx, fy, fz, tx, ty, tz = (float(value) for value in wrench)
+    force, torque = message.wrench.force, message.wrench.torque
+    force.x, force.y, force.z = fx, fy, fz
+    torque.x, torque.y, torque.z = tx, ty, tz
+    return message
+
+
+def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
+    """What a Tool message asks for, as arguments of a `set_tool` command."""
+    return {
+        "id": tool.id,
+        "kind": tool.kind,
+        "shape": tool.shape,
+        "size": [float(value) for value in tool.size],
+        "owner": tool.owner,
+        "pose": pose_array(tool.pose).tolist(),
+    }
+
+
+# Topology
+
+
+def mesh_to_topology(mesh: Mesh, epoch: bytes, frame_id: str, stamp: Time) -> Topology:
+    """A keyframe of a mesh. Takes long on large meshes: call it outside the loop, on a copy."""
+    message = Topology(header=header(frame_id, stamp), version=mesh.version, organ=mesh.name)
+    message.epoch = epoch_field(epoch)
+    nodes, elements = mesh.node_rows, mesh.element_rows
+    flags = mesh.node_alive[:nodes] * ALIVE + mesh.fixed[:nodes] * FIXED
+    fill(message.node_ids, mesh.node_ids[:nodes])
+    fill(message.node_file_ids, mesh.node_file_ids[:nodes])
+    fill(message.node_parents, mesh.node_parents[:nodes])
+    fill(message.node_flags, flags)
+    fill(message.rest_positions, mesh.rest[:nodes])
+    fill(message.element_ids, mesh.element_ids[:elements])
+    fill(message.element_file_ids, mesh.element_file_ids[:elements])
+    fill(message.element_flags, mesh.element_alive[:elements])
+    fill(message.element_regions, mesh.regions[:elements])
+    # Removed elements keep the rows they had; their nodes may be gone, their ids are still good.
+    fill(message.tetrahedra, mesh.node_ids[mesh.tets[:elements]])
+    fill(message.region_labels, np.array(list(mesh.region_names), dtype=np.int32))
+    message.region_names = list(mesh.region_names.values())
+    triangles, _ = boundary_triangles(mesh.tets[:elements], mesh.element_alive[:elements], nodes)
+    fill(message.surface_triangles, mesh.node_ids[triangles])
+    return message
+
+
+def topology_to_mesh(message: Topology) -> Mesh:
+    """The mesh of a keyframe: a replica that follows later edits with `Mesh.apply`.
+
+    Versions of single nodes and elements are not in a keyframe: every applied edit passes the
+    replica's staleness check, since the simulation has judged it already.
+    """
+    flags = array_of(message.node_flags, np.uint8)
+    alive = array_of(message.element_flags, np.uint8) & ALIVE > 0
+    raw = RawMesh(
+        points=array_of(message.rest_positions, np.float64).reshape(-1, 3),
+        tetrahedra=array_of(message.tetrahedra, np.uint32).reshape(-1, 4).astype(np.int64),
+        regions=array_of(message.element_regions, np.int32),
+        region_names=dict(
+            zip(map(int, message.region_labels), map(str, message.region_names), strict=True)
+        ),
+        node_file_ids=array_of(message.node_file_ids, np.int64),
+        element_file_ids=array_of(message.element_file_ids, np.int64),
+        name=message.organ,
+    )
+    mesh = Mesh(raw, (flags & FIXED) > 0)
+    mesh.version = int(message.version)
+    mesh.node_alive[: len(flags)] = (flags & ALIVE) > 0
+    mesh.node_parents[: len(flags)] = array_of(message.node_parents, np.uint32)
+    mesh.element_alive[: len(alive)] = alive
+    if not alive.all():
+        rows = mesh.element_rows
+        mesh.incident = Incidence.build(mesh.tets[:rows], alive, mesh.node_capacity)
+    return mesh
+
+
+# State
+
+
+def fill_state(message: TissueState, positions: NDArray[np.float32]) -> None:
+    """Write positions [m], shape (node_rows, 3), into a new state message."""
+    fill(message.positions, positions)
+
+
+def positions_from_state(message: TissueState) -> NDArray[np.float32]:
+    """Positions [m] of a state message, float32, shape (node_rows, 3); shares its memory."""
+    return array_of(message.positions, np.float32).reshape(-1, 3)
+
+
+# Edits
+
+
+def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) -> EditMsg:
+    """An edit as a message."""
+    message = EditMsg(
+        header=header(frame_id, stamp),
+        base_version=edit.base_version,
+        version=edit.version,
+        base_frame=edit.base_frame,
+        kind=edit.kind,
+        author=edit.author,
+        request_id=edit.request_id,
+    )
+    message.epoch = epoch_field(epoch)
+    for name in (*_EDIT_IDS, *_EDIT_REALS):
+        fill(getattr(message, name), getattr(edit, name))
+    return message
+
+
+def edit_from_msg(message: EditMsg) -> TopologyEdit:
+    """An edit from a message.
+
+    Raises:
+        ValueError: The length of a list does not fit the others.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    for name in (*_EDIT_IDS, *_EDIT_REALS):
+        dtype = np.uint32 if name in _EDIT_IDS else np.float64
+        values = array_of(getattr(message, name), dtype)
+        items = _EDIT_ITEMS.get(name)
+        if items and values.size % items:
+            raise ValueError(f"{name} has {values.size} numbers; allowed: a multiple of {items}")
+        arrays[name] = values.reshape(-1, items) if items else values
+    for name, others in (
+        ("moved_nodes", ("moved_rest", "moved_anchors", "moved_weights")),
+        ("copied_nodes", ("copy_parents",)),
+        ("rewritten_elements", ("rewritten_nodes",)),
+        ("added_elements", ("added_nodes", "added_parents")),
+    ):
+        for other in others:
+            if len(arrays[name]) != len(arrays[other]):
+                raise ValueError(
+                    f"{other} has {len(arrays[other])} items, {name} {len(arrays[name])}"
+                )
+    return TopologyEdit(
+        base_version=int(message.base_version),
+        version=int(message.version),
+        base_frame=int(message.base_frame),
+        kind=message.kind,
+        author=message.author,
+        request_id=message.request_id,
+        **arrays,
+    )
+
+
+# Journal and cuts
+
+
+def entry_to_msg(
+    entry: JournalEntry, edits: Sequence[EditMsg], frame_id: str, stamp: Time
+) -> Journal:
+    """A journal entry as a message.
+
+    Args:
+        entry: The entry.
+        edits: Its edits as they are published on tissue/edits.
+        frame_id: The organ's frame.
+        stamp: Start of the frame.
+    """
+    message = Journal(
+        header=header(frame_id, stamp),
+        frame=entry.frame,
+        version=entry.version,
+        sim_time=float(entry.sim_time),
+        steps=entry.steps,
+        positions_crc32=entry.crc32,
+    )
+    message.epoch = epoch_field(entry.epoch)
+    message.tools = [_sample_to_msg(sample) for sample in entry.inputs.tools]
+    message.commands = [
+        CommandMsg(
+            kind=command.kind,
+            request_id=command.request_id,
+            arguments=json.dumps(dict(command.arguments)),
+        )
+        for command in entry.inputs.commands
+    ]
+    message.edits = list(edits)
+    return message
+
+
+def entry_from_msg(message: Journal) -> JournalEntry:
+    """A journal entry from a message of rclpy or of a bag reader."""
+    commands = tuple(
+        Command(command.kind, json.loads(command.arguments), command.request_id)
+        for command in message.commands
+    )
+    inputs = FrameInputs(
+        commands=commands,
+        edits=tuple(edit_from_msg(edit) for edit in message.edits),
+        tools=tuple(_sample_from_msg(sample) for sample in message.tools),
+    )
+    return JournalEntry(
+        epoch=epoch_of(message),
+        frame=int(message.frame),
+        version=int(message.version),
+        sim_time=float(message.sim_time),
+        steps=int(message.steps),
+        inputs=inputs,
+        crc32=int(message.positions_crc32),
+    )
+
+
+def _sample_to_msg(sample: ToolSample) -> ToolSampleMsg:
+    message = ToolSampleMsg(
+        id=sample.tool, stamp=stamp_of(sample.stamp), use=bool(sample.use), edge=int(sample.edge)
+    )
+    message.pose = np.asarray(sample.pose, dtype=np.float64)
+    return message
+
+
+def _sample_from_msg(message: ToolSampleMsg) -> ToolSample:
+    edge = int(message.edge)
+    return ToolSample(
+        tool=message.id,
+        pose=np.array([float(value) for value in message.pose]),
+        stamp=nanoseconds_of(message.stamp),
+        use=bool(message.use),
+        edge=1 if edge > 0 else -1 if edge < 0 else 0,
+    )
+
+
+def cut_request(
+    cut: Cut, entry: JournalEntry, request_id: str, frame_id: str, stamp: Time
+) -> CutRequest:
+    """What cut_service is asked when a cutting tool is used in a frame."""
+    message = CutRequest(
+        header=header(frame_id, stamp),
+        version=entry.version,
+        request_id=request_id,
+        tool=cut.tool,
+        sweep=sweep_message(
+            cut.vertices, cut.triangles, entry.frame, frame_id, stamp_of(cut.stamp)
+        ),
+    )
+    message.epoch = epoch_field(entry.epoch)
+    return message
+
+
+def sweep_message(
+    vertices: NDArray[np.float64],
+    triangles: NDArray[np.integer],
+    state_frame: int,
+    frame_id: str,
+    stamp: Time,
+) -> Sweep:
+    """A sweep as a message.
+
+    Args:
+        vertices: Corners [m], shape (n, 3).
+        triangles: Corner rows, shape (m, 3).
+        state_frame: Frame of tissue/state it was drawn on; 0: the newest.
+        frame_id: Frame the vertices are given in.
+        stamp: Stamp of the pose that made it.
+    """
+    message = Sweep(header=header(frame_id, stamp), state_frame=state_frame)
+    fill(message.vertices, vertices)
+    fill(message.triangles, triangles)
+    return message
