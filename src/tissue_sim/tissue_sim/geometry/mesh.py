@@ -9,15 +9,10 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import PROVISIONAL, EditChange, EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 
 NO_ROW = -1
-
-
-def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Signed volumes of tetrahedra [m^3], shape (element_count,); positive for standard orientation."""
-    a, b, c, d = (points[tets[:, corner]] for corner in range(4))
-    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
 
 
 class Mesh:

@@ -1,0 +1,68 @@
+"""Faces of tetrahedra and which element lies on their other side."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+LOCAL_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+"""Corners of the face opposite each corner, normals outward for a positive tetrahedron, shape (4, 3)."""
+
+
+class FacePairs(NamedTuple):
+    """Which faces of which elements coincide; face `4 * element + k` lies opposite corner k.
+
+    Attributes:
+        first: Faces with a partner, shape (pair_count,); the element with the lower row.
+        second: Their partners, shape (pair_count,).
+        border: Faces of one element only, ascending, shape (border_count,).
+        crowded: Faces that more than two elements have, shape (crowded_count,).
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    border: NDArray[np.int64]
+    crowded: NDArray[np.int64]
+
+
+def face_nodes(tets: NDArray[np.integer], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes of faces, outward for positive tetrahedra, shape (face_count, 3)."""
+    return tets[faces[:, None] // 4, LOCAL_FACES[faces % 4]].astype(np.int64)
+
+
+def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
+    """Find coinciding faces.
+
+    Args:
+        tets: Node rows, shape (element_count, 4).
+    """
+    nodes = np.sort(tets[:, LOCAL_FACES].reshape(-1, 3).astype(np.int64), axis=1)
+    order = np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0])) if len(nodes) else np.arange(0)
+    ordered = nodes[order]
+    begins = np.ones(len(order), dtype=np.bool_)
+    begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    start = np.flatnonzero(begins)
+    size = np.diff(np.append(start, len(order)))
+    pairs = start[size == 2]
+    crowded = np.concatenate(
+        [np.empty(0, dtype=np.int64)]
+        + [order[s : s + n] for s, n in zip(start[size > 2], size[size > 2], strict=True)]
+    )
+    return FacePairs(order[pairs], order[pairs + 1], np.sort(order[start[size == 1]]), crowded)
+
+
+def turns_alike(
+    tets: NDArray[np.integer], first: NDArray[np.int64], second: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Pairs whose elements lie on the same side of their common face, shape (pair_count,).
+
+    Two positive elements that share a face see its nodes in opposite order; if not, they overlap.
+    """
+    return _is_odd(face_nodes(tets, first)) == _is_odd(face_nodes(tets, second))
+
+
+def _is_odd(faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    a, b, c = faces.T
+    return ((a > b) ^ (b > c) ^ (a > c)).astype(np.bool_)

@@ -1,0 +1,38 @@
+"""Sizes and shapes of tetrahedra."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def signed_volumes(
+    points: NDArray[np.float64], tets: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Signed volumes of tetrahedra [m^3], shape (element_count,); positive for standard orientation."""
+    a, b, c, d = (points[tets[:, corner]] for corner in range(4))
+    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0)
+
+
+def longest_edges(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Length of the longest edge of each tetrahedron [m], shape (element_count,)."""
+    longest = np.zeros(len(tets))
+    for i, j in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        edge = points[tets[:, j]] - points[tets[:, i]]
+        np.maximum(longest, np.einsum("ij,ij->i", edge, edge), out=longest)
+    return np.asarray(np.sqrt(longest))
+
+
+def radius_ratios(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Quality q = 3 x inscribed / circumscribed radius: 1 is regular, 0 flat, shape (element_count,)."""
+    a, b, c, d = (points[tets[:, corner]] for corner in range(4))
+    u, v, w = b - a, c - a, d - a
+    vw, wu, uv = np.cross(v, w), np.cross(w, u), np.cross(u, v)
+    six_volumes = np.abs(np.einsum("ij,ij->i", u, vw))
+    double_area = sum(np.linalg.norm(n, axis=1) for n in (vw, wu, uv, vw + wu + uv))
+    squares = [np.einsum("ij,ij->i", e, e)[:, None] for e in (u, v, w)]
+    # R = |u^2 (v x w) + v^2 (w x u) + w^2 (u x v)| / 12 V and r = 3 V / area
+    numerator = np.linalg.norm(squares[0] * vw + squares[1] * wu + squares[2] * uv, axis=1)
+    denominator = double_area * numerator
+    safe = np.where(denominator > 0, denominator, 1.0)
+    return np.asarray(np.where(denominator > 0, 6.0 * six_volumes**2 / safe, 0.0))

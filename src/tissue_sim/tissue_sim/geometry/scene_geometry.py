@@ -1,0 +1,136 @@
+"""From the name of a shape or of a file to a mesh that is ready to simulate."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tissue_sim.geometry import formats
+from tissue_sim.geometry.check import Report, mend
+from tissue_sim.geometry.fixed_nodes import fixed_nodes
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.renumber import renumber
+from tissue_sim.geometry.shapes import block, sphere_shell, wall
+from tissue_sim.geometry.suggestions import Interaction, suggest_interaction
+
+__all__ = ["SHAPES", "Interaction", "SceneGeometry", "generate", "load", "suggest_interaction"]
+
+Number = int | float
+
+
+def _heart(**parameters: Number) -> RawMesh:
+    from tissue_sim.geometry import heart
+
+    return heart.heart(**parameters)
+
+
+SHAPES: dict[str, Callable[..., RawMesh]] = {
+    "wall": wall,
+    "block": block,
+    "sphere_shell": sphere_shell,
+    "heart": _heart,
+}
+"""Shapes that can be generated, by name."""
+
+
+@dataclass(frozen=True)
+class SceneGeometry:
+    """A mesh that is ready to simulate and how it came about.
+
+    Attributes:
+        mesh: The mesh.
+        raw: The same in the same row order, with node sets and file ids.
+        report: What was found and done, in order.
+    """
+
+    mesh: Mesh
+    raw: RawMesh
+    report: Report
+
+
+def load(
+    name_or_path: str | Path,
+    units: str | None = None,
+    fixed: str = "auto",
+    parameters: Mapping[str, Number] | None = None,
+    cell: float | None = None,
+    folder: Path | None = None,
+) -> SceneGeometry:
+    """Make the mesh of a scene.
+
+    Args:
+        name_or_path: Name of a generated shape (`SHAPES`) or a mesh file.
+        units: Unit of the file's coordinates, "mm" or "m"; a generated shape needs none.
+        fixed: Nodes that never move (see `fixed_nodes`).
+        parameters: Parameters of a generated shape, by name.
+        cell: Element size for filling a surface [m]; default chosen by `fill_surface`.
+        folder: Folder that a relative file name is in; default the working directory.
+
+    Raises:
+        ValueError: Something about the request is wrong.
+        MeshError: The mesh is.
+    """
+    raw, said = _raw(str(name_or_path), units, dict(parameters or {}), cell, folder)
+    raw, report = mend(raw)
+    raw = renumber(raw)
+    nodes = fixed_nodes(raw, fixed)
+    return SceneGeometry(Mesh(raw, nodes), raw, replace(report, mended=said + report.mended))
+
+
+def generate(name: str, parameters: Mapping[str, Number] | None = None) -> RawMesh:
+    """Generate a shape.
+
+    Raises:
+        ValueError: The shape or a parameter is unknown or out of range.
+    """
+    if name not in SHAPES:
+        raise ValueError(f"unknown shape {name!r}; allowed: {', '.join(SHAPES)}")
+    shape = SHAPES[name]
+    known = inspect.signature(shape).parameters
+    open_ended = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values())
+    given: dict[str, Number] = {}
+    for key, value in (parameters or {}).items():
+        if not open_ended and key not in known:
+            raise ValueError(f"{name} has no parameter {key!r}; allowed: {', '.join(known)}")
+        given[key] = _checked_number(name, key, value, known)
+    return shape(**given)
+
+
+def _checked_number(
+    name: str, key: str, value: Number, known: Mapping[str, inspect.Parameter]
+) -> Number:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"{name}: {key} = {value!r} must be a number")
+    if key in known and isinstance(known[key].default, int):
+        if value != int(value):
+            raise ValueError(f"{name}: {key} = {value} must be a whole number")
+        return int(value)
+    return value
+
+
+def _raw(
+    name: str,
+    units: str | None,
+    parameters: dict[str, Number],
+    cell: float | None,
+    folder: Path | None,
+) -> tuple[RawMesh, tuple[str, ...]]:
+    if name in SHAPES:
+        return generate(name, parameters), ()
+    if parameters:
+        raise ValueError(f"{name} is a file; only shapes have parameters: {', '.join(SHAPES)}")
+    if not Path(name).suffix:
+        raise ValueError(
+            f"{name!r} is neither a shape ({', '.join(SHAPES)}) nor a mesh file; {formats.SUPPORTED}"
+        )
+    raw = formats.load((folder or Path()) / name, units)
+    if len(raw.tetrahedra):
+        return raw, ()
+    from tissue_sim.geometry.fill import fill_surface
+
+    surface, surface_report = mend(raw)
+    filled = fill_surface(surface, cell)
+    return filled.raw, (*surface_report.mended, *surface_report.warnings, *filled.said)
