@@ -121,9 +121,7 @@ class BccLattice:
         return np.asarray(self.origin + self.coordinates * (0.5 * self.cell))
 
 
-def bcc_lattice(
-    lower: NDArray[np.float64], upper: NDArray[np.float64], cell: float
-) -> BccLattice:
+def bcc_lattice(lower: NDArray[np.float64], upper: NDArray[np.float64], cell: float) -> BccLattice:
     """Make the lattice that covers a box.
 
     Args:

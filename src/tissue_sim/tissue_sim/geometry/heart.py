@@ -1,410 +1,185 @@
-"""An infant's heart as a signed-distance function, and the mesh made from it.
+"""The generated infant heart as a mesh: made from its signed distance, or loaded from the data file.
 
-Four chambers, septa with an atrial and a ventricular septal defect, open valves, and hollow
-stubs of the great vessels, all with thin walls. Blood pools are unions of ellipsoids and tubes; the
-tissue is what lies within a wall's thickness of a pool and in no pool. Where two pools come close,
-the one of lower rank is pushed back so that a wall remains between them.
-
-Internally millimetres; axes x anterior, y left, z superior (REP 103 for a body). Meshes are in
-metres. See docs/heart.md for the anatomy and its limits.
+Axes x anterior, y left, z superior (REP 103 for a body), metres. See docs/heart.md for the anatomy,
+its dimensions and its limits.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.implicit import (
-    Distances,
-    Points,
-    axes_along,
-    capsule,
-    carve,
-    dot,
-    ellipsoid,
-    half_space,
-    smooth_max,
-    smooth_min,
-    spline,
-    tube,
-    union,
-    unit,
+from tissue_sim.geometry.heart_anatomy import (
+    LOWER_CORNER,
+    SEPTUM,
+    UPPER_CORNER,
+    VESSEL_WALL,
+    VESSELS,
 )
-
-MILLIMETRE = 1e-3
-ASD_RADIUS = 3.0e-3
-VSD_RADIUS = 2.6e-3
-"""Radii of the septal defects [m]."""
-
-LOWER_CORNER = np.array([-31.0, -31.0, -37.0])
-UPPER_CORNER = np.array([29.0, 34.0, 46.0])
-"""A box around the heart [mm]."""
-
-# Wall thickness [mm]. Vessel and vein walls of an infant are 1.0 to 1.3 mm; they are drawn
-# thicker so that the default lattice resolves them.
-LEFT_VENTRICLE_WALL = 4.2
-RIGHT_VENTRICLE_WALL = 2.6
-ATRIUM_WALL = 2.0
-SEPTUM = 3.4
-ATRIAL_SEPTUM = 2.3
-BETWEEN_POOLS = 2.2
-
-APEX_DIRECTION = unit((0.30, 0.44, -0.85))
-LEFT_VENTRICLE_CENTRE = np.array([2.5, 8.0, -9.5])
-LEFT_VENTRICLE_RADII = (8.0, 8.0, 17.5)
-LEFT_VENTRICLE_AXES = axes_along(APEX_DIRECTION, (1.0, 0.0, 0.0))
-RIGHT_VENTRICLE_CENTRE = np.array([8.0, -3.5, -7.0])
-RIGHT_VENTRICLE_RADII = (10.5, 13.5, 16.5)
-RIGHT_VENTRICLE_AXES = axes_along((0.32, 0.30, -0.90), (1.0, -0.4, 0.0))
-
-
-@dataclass(frozen=True)
-class Vessel:
-    """A hollow tube with a flat, open, rounded end.
-
-    Attributes:
-        name: What the surgeon calls it.
-        side: "left" or "right", the blood pool it belongs to.
-        region: Name of the region its wall belongs to.
-        course: Control points of the centre line with the inner radius, rows (x, y, z, r) [mm];
-            the last one is the open end.
-        wall: Wall thickness [mm].
-    """
-
-    name: str
-    side: str
-    region: str
-    course: tuple[tuple[float, float, float, float], ...]
-    wall: float
-
-    @cached_property
-    def line(self) -> NDArray[np.float64]:
-        """Smooth centre line with radii, shape (k, 4) [mm]."""
-        return spline(self.course, per_span=6)
-
-    @property
-    def end(self) -> NDArray[np.float64]:
-        """Middle of the open end [mm]."""
-        return np.array(self.line[-1, :3])
-
-    @property
-    def end_direction(self) -> NDArray[np.float64]:
-        """Outward normal of the open end."""
-        return unit(self.line[-1, :3] - self.line[-2, :3])
-
-    def lumen(self, points: Points) -> Distances:
-        """Distance to the blood in the vessel, which goes on a little beyond the open end."""
-        beyond = self.end + 4.0 * self.end_direction
-        line = np.concatenate([self.line, [[*beyond, self.line[-1, 3]]]])
-        return tube(points, line[:, :3], line[:, 3])
-
-    def envelope(self, points: Points) -> Distances:
-        """Distance to lumen and wall together, cut flat at the open end."""
-        radii = self.line[:, 3] + self.wall
-        past_end = half_space(points, self.end, self.end_direction)
-        reach = dot(self.line[:, :3] - self.end, self.end_direction)
-        tail = len(reach) - 1
-        while tail > 1 and reach[tail] > -1.2 * radii[-1]:
-            tail -= 1
-        stub = tube(points, self.line[tail - 1 :, :3], radii[tail - 1 :])
-        stub = smooth_max(stub, past_end, 1.0)
-        if tail <= 1:
-            return stub
-        return np.minimum(stub, tube(points, self.line[: tail + 1, :3], radii[: tail + 1]))
-
-
-AORTA = Vessel(
-    "aorta",
-    "left",
-    "aorta",
-    (
-        (1.5, 2.0, 0.0, 3.9),
-        (2.0, -2.0, 8.0, 4.2),
-        (2.6, -5.0, 16.0, 4.0),
-        (1.0, -4.8, 24.5, 3.8),
-        (-4.0, -0.8, 31.0, 3.6),
-        (-10.5, 3.6, 31.0, 3.4),
-        (-15.0, 6.4, 26.0, 3.2),
-        (-16.4, 7.2, 20.5, 3.1),
-    ),
-    1.8,
+from tissue_sim.geometry.heart_shape import (
+    ASD_RADIUS,
+    MILLIMETRE,
+    VSD_RADIUS,
+    HeartParts,
+    heart_parts,
 )
-ARCH_BRANCHES = (
-    Vessel(
-        "brachiocephalic artery",
-        "left",
-        "aorta",
-        ((-1.2, -3.2, 29.0, 2.0), (-1.2, -5.2, 34.5, 1.9), (-1.2, -7.0, 39.0, 1.9)),
-        1.6,
-    ),
-    Vessel(
-        "left common carotid artery",
-        "left",
-        "aorta",
-        ((-6.0, 0.6, 31.5, 1.7), (-6.2, 1.2, 36.5, 1.6), (-6.4, 1.6, 40.5, 1.6)),
-        1.6,
-    ),
-    Vessel(
-        "left subclavian artery",
-        "left",
-        "aorta",
-        ((-11.0, 4.0, 30.6, 1.7), (-11.6, 6.4, 35.5, 1.6), (-11.8, 9.6, 39.0, 1.6)),
-        1.6,
-    ),
-)
-PULMONARY_TRUNK_LINE = (
-    (11.0, -3.5, 2.0, 4.6),
-    (13.0, 0.0, 8.5, 4.2),
-    (11.5, 4.6, 15.5, 4.1),
-    (6.0, 7.8, 20.5, 3.9),
-)
-LEFT_PULMONARY_ARTERY = Vessel(
-    "left pulmonary artery",
-    "right",
-    "pulmonary artery",
-    (*PULMONARY_TRUNK_LINE, (-1.0, 12.0, 23.0, 2.8), (-7.0, 17.0, 23.0, 2.5)),
-    1.7,
-)
-RIGHT_PULMONARY_ARTERY = Vessel(
-    "right pulmonary artery",
-    "right",
-    "pulmonary artery",
-    (
-        (6.5, 7.4, 20.0, 3.4),
-        (-0.5, 5.6, 21.8, 2.8),
-        (-6.0, 0.5, 21.8, 2.6),
-        (-9.5, -8.0, 21.6, 2.5),
-        (-10.0, -20.0, 21.2, 2.4),
-    ),
-    1.7,
-)
-SUPERIOR_VENA_CAVA = Vessel(
-    "superior vena cava",
-    "right",
-    "veins",
-    ((-3.0, -14.5, 14.0, 3.4), (-2.6, -15.0, 24.0, 3.2), (-3.4, -14.2, 35.0, 3.1)),
-    1.7,
-)
-INFERIOR_VENA_CAVA = Vessel(
-    "inferior vena cava",
-    "right",
-    "veins",
-    ((-7.0, -13.0, 7.0, 3.8), (-12.0, -13.6, -1.0, 3.6), (-13.5, -14.0, -9.0, 3.5)),
-    1.7,
-)
-PULMONARY_VEINS = (
-    Vessel(
-        "right superior pulmonary vein",
-        "left",
-        "veins",
-        ((-13.0, 3.0, 14.5, 2.2), (-17.5, -5.0, 16.0, 2.0), (-19.5, -14.0, 16.5, 1.9)),
-        1.7,
-    ),
-    Vessel(
-        "right inferior pulmonary vein",
-        "left",
-        "veins",
-        ((-14.0, 3.0, 9.0, 2.2), (-19.0, -5.0, 6.6, 2.0), (-21.5, -13.0, 5.4, 1.9)),
-        1.7,
-    ),
-    Vessel(
-        "left superior pulmonary vein",
-        "left",
-        "veins",
-        ((-13.0, 13.0, 14.5, 2.2), (-16.5, 21.0, 16.8, 2.0), (-17.5, 28.0, 18.0, 1.9)),
-        1.7,
-    ),
-    Vessel(
-        "left inferior pulmonary vein",
-        "left",
-        "veins",
-        ((-13.5, 13.5, 9.5, 2.2), (-18.5, 21.0, 6.8, 2.0), (-20.5, 28.0, 5.6, 1.9)),
-        1.7,
-    ),
-)
-VESSELS = (
-    AORTA,
-    *ARCH_BRANCHES,
-    LEFT_PULMONARY_ARTERY,
-    RIGHT_PULMONARY_ARTERY,
-    SUPERIOR_VENA_CAVA,
-    INFERIOR_VENA_CAVA,
-    *PULMONARY_VEINS,
-)
+from tissue_sim.geometry.implicit import half_space, tube
+from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.stuffing import stuff
+
+CELL = 1.4e-3
+"""Default lattice cell [m]; gives about 36,000 nodes."""
+
+COARSEST_CELL = 2.0e-3
+LARGEST_DEFECT = 5.0e-3
+
+REGIONS = {
+    0: "left ventricle",
+    1: "right ventricle",
+    2: "ventricular septum",
+    3: "left atrium",
+    4: "right atrium",
+    5: "atrial septum",
+    6: "aorta",
+    7: "pulmonary artery",
+    8: "veins",
+}
+
+_NANOMETRE = 1e9
+_RIM_DEPTH = 1.5
+_DORSAL_PLANE = -17.5
 
 
-@dataclass(frozen=True)
-class HeartParts:
-    """Signed distances of the heart's parts at some points [mm], each of shape (n,).
-
-    Attributes:
-        pools: Blood of "left ventricle", "right ventricle", "left atrium", "right atrium",
-            "aorta", "pulmonary artery", "veins", each with a wall kept from its neighbours.
-        openings: Valves and septal defects between the pools.
-        muscle: Papillary muscles, which stand in the pools.
-        outer: Everything within the outer surface.
-        tissue: The heart itself.
-    """
-
-    pools: dict[str, Distances]
-    openings: Distances
-    muscle: Distances
-    outer: Distances
-    tissue: Distances
-
-
-def _left_ventricle(points: Points) -> Distances:
-    body = ellipsoid(
-        points, LEFT_VENTRICLE_CENTRE, LEFT_VENTRICLE_RADII, LEFT_VENTRICLE_AXES
-    )
-    outflow = capsule(points, (2.5, 5.0, -3.0), (1.5, 2.0, 1.0), 4.0)
-    return smooth_min(body, outflow, 3.0)
-
-
-def _right_ventricle(points: Points, left_ventricle: Distances) -> Distances:
-    body = ellipsoid(
-        points, RIGHT_VENTRICLE_CENTRE, RIGHT_VENTRICLE_RADII, RIGHT_VENTRICLE_AXES
-    )
-    outflow = capsule(points, (11.0, -5.0, -4.0), (12.5, -1.5, 6.0), (5.6, 4.4))
-    return carve(smooth_min(body, outflow, 4.0), left_ventricle - SEPTUM, 2.0)
-
-
-def _left_atrium(points: Points) -> Distances:
-    body = ellipsoid(points, (-11.0, 8.0, 11.5), (7.2, 10.0, 7.6))
-    appendage = spline(
-        ((-7.0, 15.0, 12.5, 3.4), (-1.0, 19.0, 12.5, 3.2), (5.5, 17.0, 11.0, 2.8),
-         (9.5, 12.6, 10.5, 1.7)), 5)
-    tip = capsule(points, (4.5, 17.5, 11.0), (6.5, 16.0, 15.0), (2.4, 1.5))
-    finger = tube(points, appendage[:, :3], appendage[:, 3])
-    return smooth_min(body, smooth_min(finger, tip, 1.5), 2.5)
-
-
-def _right_atrium(points: Points) -> Distances:
-    body = ellipsoid(points, (-3.0, -12.5, 10.0), (9.0, 9.2, 10.5))
-    root = capsule(points, (1.0, -14.0, 13.0), (7.5, -12.0, 15.5), (5.0, 3.6))
-    tips = [
-        capsule(points, (7.0, -12.0, 15.0), (11.5, -6.0, 17.5), (3.6, 1.7)),
-        capsule(points, (6.5, -12.5, 14.0), (11.8, -9.5, 12.0), (3.2, 1.7)),
-    ]
-    return smooth_min(body, union([root, *tips], 2.0), 3.0)
-
-
-def _papillary_muscles(points: Points) -> Distances:
-    """Two cones from the left ventricle's free wall towards the mitral valve."""
-    first, second, along = LEFT_VENTRICLE_AXES
-    cones = []
-    for direction in (unit(0.5 * first + 0.9 * second), unit(-0.9 * first - 0.1 * second)):
-        base = LEFT_VENTRICLE_CENTRE + 6.0 * along + 8.0 * direction
-        tip = LEFT_VENTRICLE_CENTRE - 1.5 * along + 4.6 * direction
-        cones.append(capsule(points, base, tip, (2.6, 1.6)))
-    return union(cones, 0.5)
-
-
-def _vessel_pools(points: Points) -> dict[str, Distances]:
-    pulmonary = (LEFT_PULMONARY_ARTERY, RIGHT_PULMONARY_ARTERY)
-    left_veins = union([v.lumen(points) for v in PULMONARY_VEINS], 0.5)
-    cavae = np.minimum(SUPERIOR_VENA_CAVA.lumen(points), INFERIOR_VENA_CAVA.lumen(points))
-    return {
-        "aorta": union([v.lumen(points) for v in (AORTA, *ARCH_BRANCHES)], 1.0),
-        "pulmonary artery": union([v.lumen(points) for v in pulmonary], 1.5),
-        "pulmonary veins": left_veins,
-        "venae cavae": cavae,
-    }
-
-
-def _pools(points: Points) -> tuple[dict[str, Distances], dict[str, Distances]]:
-    """Blood pools with walls between left and right, and the chambers as drawn."""
-    vessels = _vessel_pools(points)
-    aorta, wall, edge = vessels["aorta"], BETWEEN_POOLS, 1.5
-    left_ventricle = _left_ventricle(points)
-    right_ventricle = _right_ventricle(points, left_ventricle)
-    drawn = {
-        "left ventricle": left_ventricle,
-        "right ventricle": right_ventricle,
-        "left atrium": _left_atrium(points),
-        "right atrium": _right_atrium(points),
-    }
-    pulmonary = carve(vessels["pulmonary artery"], aorta - wall, 1.0)
-    left_atrium = smooth_min(drawn["left atrium"], vessels["pulmonary veins"], 2.0)
-    for other, gap in ((aorta, wall), (pulmonary, wall), (left_ventricle, 2.8)):
-        left_atrium = carve(left_atrium, other - gap, edge)
-    right_ventricle = carve(right_ventricle, aorta - wall, edge)
-    right_ventricle = carve(right_ventricle, left_atrium - 2.6, edge)
-    right_atrium = smooth_min(drawn["right atrium"], vessels["venae cavae"], 2.5)
-    barriers = (
-        (aorta, wall),
-        (pulmonary, wall),
-        (left_ventricle, 2.8),
-        (left_atrium, ATRIAL_SEPTUM),
-        (right_ventricle, 2.6),
-    )
-    for other, gap in barriers:
-        right_atrium = carve(right_atrium, other - gap, edge)
-    pools = {
-        "left ventricle": left_ventricle,
-        "right ventricle": right_ventricle,
-        "left atrium": left_atrium,
-        "right atrium": right_atrium,
-        "aorta": aorta,
-        "pulmonary artery": pulmonary,
-    }
-    return pools, drawn
-
-
-def _outer_surface(points: Points, drawn: dict[str, Distances]) -> Distances:
-    """Outer surface with its grooves, the coronary vessels in them, and the stubs."""
-    left = drawn["left ventricle"] - LEFT_VENTRICLE_WALL
-    right = drawn["right ventricle"] - RIGHT_VENTRICLE_WALL
-    ventricles = smooth_min(left, right, 2.0)
-    atria = smooth_min(
-        drawn["left atrium"] - ATRIUM_WALL, drawn["right atrium"] - ATRIUM_WALL, 1.5
-    )
-    muscle = smooth_min(ventricles, atria, 2.0)
-    # A groove is where two envelopes are equally far; a coronary artery is a tube around the
-    # curve in which the groove meets the surface.
-    between = 0.7 * (left - right)
-    descending = np.sqrt(muscle * muscle + between * between) - 1.0
-    descending = smooth_max(descending, half_space(points, (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), 1.0)
-    around = 0.7 * (ventricles - atria)
-    ring = np.sqrt(muscle * muscle + around * around) - 1.1
-    muscle = union([muscle, descending, ring], 1.2)
-    return union([muscle, *(v.envelope(points) for v in VESSELS)], 1.6)
-
-
-def _openings(points: Points, asd_radius: float, vsd_radius: float) -> Distances:
-    """Valves and septal defects; a radius of zero leaves a defect out. Radii [mm]."""
-    openings = [
-        capsule(points, (-8.0, 8.5, 8.0), (1.0, 7.5, -5.0), 4.6),
-        capsule(points, (-1.0, -11.0, 7.0), (6.0, -5.5, -5.0), 5.0),
-    ]
-    if asd_radius > 0.0:
-        openings.append(capsule(points, (-5.5, -8.0, 12.0), (-10.5, 3.0, 12.5), asd_radius))
-    if vsd_radius > 0.0:
-        openings.append(capsule(points, (2.0, 4.5, -3.0), (5.5, -4.5, -1.0), vsd_radius))
-    return union(openings, 0.0)
-
-
-def heart_parts(
-    points: Points, asd_radius: float = ASD_RADIUS, vsd_radius: float = VSD_RADIUS
-) -> HeartParts:
-    """Evaluate the heart's signed distances.
+def heart_mesh(
+    cell: float = CELL, asd_radius: float = ASD_RADIUS, vsd_radius: float = VSD_RADIUS
+) -> RawMesh:
+    """Generate the heart.
 
     Args:
-        points: Places [m], shape (n, 3).
+        cell: Size of the lattice cells [m]. Walls are 2.1 mm and more; a cell above 1.4 mm (two
+            thirds of that) begins to leave holes in them.
         asd_radius: Radius of the atrial septal defect [m], zero for an intact septum.
         vsd_radius: Radius of the ventricular septal defect [m], zero for an intact septum.
 
     Returns:
-        Distances in millimetres.
+        The mesh with regions (`REGIONS`) and the node sets "fixed", "dorsal attachment" and
+        "<vessel> rim". Node positions are whole nanometres; the same arguments give the same bits.
+
+    Raises:
+        ValueError: A size is outside its range.
     """
-    place = np.asarray(points, dtype=np.float64) / MILLIMETRE
-    pools, drawn = _pools(place)
-    outer = _outer_surface(place, drawn)
-    openings = _openings(place, asd_radius / MILLIMETRE, vsd_radius / MILLIMETRE)
-    papillary = _papillary_muscles(place)
-    blood = smooth_min(union(pools.values(), 0.8), openings, 1.0)
-    blood = carve(blood, papillary, 1.0)
-    return HeartParts(pools, openings, papillary, outer, carve(outer, blood, 0.8))
+    if not 0.0 < cell <= COARSEST_CELL:
+        raise ValueError(f"cell is {cell} m, it must be above 0 and at most {COARSEST_CELL} m")
+    for name, radius in (("asd_radius", asd_radius), ("vsd_radius", vsd_radius)):
+        if not 0.0 <= radius <= LARGEST_DEFECT:
+            raise ValueError(f"{name} is {radius} m, it must be from 0 to {LARGEST_DEFECT} m")
+
+    def tissue(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return heart_parts(points, asd_radius, vsd_radius).tissue * MILLIMETRE
+
+    mesh = stuff(tissue, LOWER_CORNER * MILLIMETRE, UPPER_CORNER * MILLIMETRE, cell)
+    points = _from_nanometres(np.rint(mesh.points * _NANOMETRE).astype(np.int32))
+    tetrahedra = mesh.tetrahedra.astype(np.int64)
+    centroids = points[tetrahedra].sum(axis=1) / 4.0
+    regions = _regions(heart_parts(centroids, 0.0, 0.0))
+    return RawMesh(
+        points=points,
+        tetrahedra=tetrahedra,
+        regions=regions,
+        region_names=dict(REGIONS),
+        node_sets=_node_sets(points, tetrahedra, regions),
+        name="heart",
+        source=f"heart_mesh(cell={cell}, asd_radius={asd_radius}, vsd_radius={vsd_radius})",
+    )
+
+
+def load_heart() -> RawMesh:
+    """Load the committed heart, which `heart_mesh()` reproduces exactly."""
+    with (files("tissue_sim") / "data" / "heart.npz").open("rb") as stream:
+        with np.load(stream, allow_pickle=False) as data:
+            return _unpack(data)
+
+
+def save_heart(mesh: RawMesh, path: Path) -> None:
+    """Write a generated heart in the data file's compact form.
+
+    Positions are stored as whole nanometres, which `heart_mesh` rounds to, so nothing is lost.
+    """
+    arrays = {
+        "points_nm": np.rint(mesh.points * _NANOMETRE).astype(np.int32),
+        "tetrahedra": mesh.tetrahedra.astype(np.uint16 if len(mesh.points) < 65536 else np.uint32),
+        "regions": mesh.regions.astype(np.uint8),
+        "source": np.array(mesh.source),
+        "set_names": np.array(list(mesh.node_sets)),
+        "set_sizes": np.array([len(rows) for rows in mesh.node_sets.values()]),
+        "set_rows": np.concatenate(list(mesh.node_sets.values())).astype(np.uint32),
+    }
+    np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def _unpack(data: Mapping[str, NDArray[np.generic]]) -> RawMesh:
+    ends = np.cumsum(data["set_sizes"])
+    rows = np.split(data["set_rows"].astype(np.int64), ends[:-1])
+    return RawMesh(
+        points=_from_nanometres(data["points_nm"].astype(np.int32)),
+        tetrahedra=data["tetrahedra"].astype(np.int64),
+        regions=data["regions"].astype(np.int32),
+        region_names=dict(REGIONS),
+        node_sets={str(name): part for name, part in zip(data["set_names"], rows, strict=True)},
+        name="heart",
+        source=str(data["source"]),
+    )
+
+
+def _from_nanometres(points: NDArray[np.int32]) -> NDArray[np.float64]:
+    return points.astype(np.float64) / _NANOMETRE
+
+
+def _regions(parts: HeartParts) -> NDArray[np.int32]:
+    """Give each place the region of the pool whose wall it most likely belongs to."""
+    depth = {
+        "left ventricle": parts.left["left ventricle"] - 1.5,
+        "right ventricle": parts.right["right ventricle"],
+        "left atrium": parts.left["left atrium"],
+        "right atrium": parts.right["right atrium"],
+        "aorta": parts.left["aorta"],
+        "pulmonary artery": parts.right["pulmonary artery"],
+        "veins": parts.veins - 0.4,
+    }
+    labels = {name: label for label, name in REGIONS.items()}
+    names = list(depth)
+    nearest = np.argmin(np.stack([depth[name] for name in names]), axis=0)
+    region = np.array([labels[name] for name in names], dtype=np.int32)[nearest]
+    between_ventricles = (parts.left["left ventricle"] < SEPTUM + 1.0) & (
+        parts.right["right ventricle"] < SEPTUM + 1.0
+    )
+    between_atria = (parts.left["left atrium"] < VESSEL_WALL + 0.9) & (
+        parts.right["right atrium"] < VESSEL_WALL + 0.9
+    )
+    ventricular = (region == labels["left ventricle"]) | (region == labels["right ventricle"])
+    atrial = (region == labels["left atrium"]) | (region == labels["right atrium"])
+    region[between_ventricles & ventricular] = labels["ventricular septum"]
+    region[between_atria & atrial] = labels["atrial septum"]
+    return region
+
+
+def _node_sets(
+    points: NDArray[np.float64], tetrahedra: NDArray[np.int64], regions: NDArray[np.int32]
+) -> dict[str, NDArray[np.int64]]:
+    """Name the nodes by which the chest holds the heart."""
+    place = points / MILLIMETRE
+    sets = {}
+    for vessel in VESSELS:
+        near_plane = half_space(place, vessel.end, vessel.end_direction) > -_RIM_DEPTH
+        reach = vessel.line[-1, 3] + vessel.wall + 1.0
+        end = vessel.line[-2:, :3]
+        sets[f"{vessel.name} rim"] = np.flatnonzero(near_plane & (tube(place, end, reach) < 0.0))
+    atrial = np.zeros(len(points), dtype=bool)
+    atrial[tetrahedra[regions == 3]] = True
+    sets["dorsal attachment"] = np.flatnonzero(atrial & (place[:, 0] < _DORSAL_PLANE))
+    fixed = np.unique(np.concatenate(list(sets.values())))
+    return {"fixed": fixed, **sets}
