@@ -40,7 +40,9 @@ class Parameter:
         Raises:
             ValueError: The value is not finite, not whole where it must be, or out of range.
         """
-        allowed = f"allowed: {self.minimum:g} to {self.maximum:g}{' ' + self.unit if self.unit else ''}"
+        allowed = (
+            f"allowed: {self.minimum:g} to {self.maximum:g}{' ' + self.unit if self.unit else ''}"
+        )
         if not np.isfinite(value) or not self.minimum <= value <= self.maximum:
             raise ValueError(f"{self.name} = {value:g} is out of range; {allowed}")
         if self.integer and value != int(value):
@@ -64,14 +66,17 @@ class Material:
 
 
 class State:
-    """What changes from step to step. Arrays have the mesh's node capacity; rows in use are [:mesh.node_rows].
+    """What changes from step to step.
 
+    Arrays have the mesh's node capacity; rows in use are [:mesh.node_rows].
     Displacements from rest keep float32 precise where coordinates would not.
 
     Attributes:
-        displacement: Current minus rest position [m], shape (node_capacity, 3), float32 (float64 in verification).
+        displacement: Current minus rest position [m], shape (node_capacity, 3), float32 (float64 in
+            verification).
         previous: Displacement one time step earlier [m], same shape; dynamic models only.
-        prescribed: Nodes whose displacement the model must not change: fixed or held, shape (node_capacity,).
+        prescribed: Nodes whose displacement the model must not change: fixed or held, shape
+            (node_capacity,).
     """
 
     def __init__(self, mesh: Mesh, dtype: type[np.floating] = np.float32) -> None:
@@ -87,8 +92,9 @@ class State:
     def follow(self, mesh: Mesh, change: EditChange) -> None:
         """Carry the state over an edit that `mesh` has just applied. Modifies the state in place.
 
-        A moved node goes to the weighted mean of its anchors as they were; a copy starts where its parent is, at the
-        same current and previous position, so that no force jumps and no velocity appears.
+        A moved node goes to the weighted mean of its anchors as they were; a copy starts where its
+        parent is, at the same current and previous position, so that no force jumps and no velocity
+        appears.
         """
         capacity, old_capacity = mesh.node_capacity, len(self.displacement)
         if capacity > old_capacity:
@@ -115,15 +121,20 @@ class State:
 
 @runtime_checkable
 class Model(Protocol):
-    """An elastic model: parameters and derived data; `step` is exactly one sweep, time step or iteration.
+    """An elastic model: parameters and derived data.
 
-    A model is built as `ModelClass(mesh, material, parameters)`; `registry.build` checks the parameters first.
+    `step` is exactly one sweep, time step or iteration.
+
+    A model is built as `ModelClass(mesh, material, parameters)`; `registry.build` checks the
+    parameters first.
 
     Attributes:
         name: Name in scene files.
         parameters: What can be set.
-        time_step: Simulated time of one step [s]; None for static models, which run as many steps as fit the frame.
-        has_forces: Whether `forces` means newtons; models without stiffness publish no force on the tool.
+        time_step: Simulated time of one step [s]; None for static models, which run as many steps
+            as fit the frame.
+        has_forces: Whether `forces` means newtons; models without stiffness publish no force on the
+            tool.
     """
 
     name: ClassVar[str]
@@ -143,10 +154,10 @@ class Model(Protocol):
         """
 
     def topology_changed(self, change: EditChange, state: State) -> None:
-        """The mesh applied an edit and the state followed; update derived data in time proportional to it."""
+        """The mesh applied an edit and the state followed; follow in time proportional to it."""
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Internal elastic forces on nodes [N], shape (len(rows), 3); zeros where `has_forces` is false."""
+        """Internal elastic forces on nodes [N], shape (len(rows), 3); zero without `has_forces`."""
 
     def residual(self, state: State) -> float:
-        """How far from equilibrium: largest internal force on a free active node [N]; nan if it has no meaning."""
+        """Largest internal force on a free active node [N]; nan if it has no meaning."""

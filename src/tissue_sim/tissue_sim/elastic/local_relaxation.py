@@ -1,0 +1,78 @@
+"""LR spring-mass: elastic near the instruments, relaxed everywhere."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.active_set import ActiveSet
+from tissue_sim.elastic.model import Material, Parameter, State
+from tissue_sim.elastic.ordering import WHOLE_ORGAN
+from tissue_sim.elastic.quasi_static import KEEP_UNTIL_REST, REST_TOLERANCE, STEP
+from tissue_sim.elastic.relaxation import FULL_EXCESS, PASSES, RelaxationPass, linear_factor
+from tissue_sim.elastic.spring_model import SpringModel
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import Mesh
+
+
+class LocalRelaxation(SpringModel):
+    """A quasi-static sweep near the held nodes, then a relaxation pass over the whole organ.
+
+    A released region goes on with quasi-static sweeps wherever the tissue is displaced, until it
+    rests.
+
+    Limitations: see docs/local_relaxation.md.
+    """
+
+    name: ClassVar[str] = "lr"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        STEP,
+        Parameter(
+            "levels", 4, 1, WHOLE_ORGAN, "",
+            f"breadth-first levels around the held nodes that are elastic; {WHOLE_ORGAN}: all",
+            integer=True,
+        ),
+        linear_factor(0.05),
+        PASSES,
+        FULL_EXCESS,
+        REST_TOLERANCE,
+        KEEP_UNTIL_REST,
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        material: Material,
+        parameters: dict[str, float],
+        springs: SpringNetwork | None = None,
+    ) -> None:
+        super().__init__(mesh, material, parameters, springs)
+        self.active = ActiveSet(
+            self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
+            bool(self.values["keep_until_rest"]), alone=False,
+        )  # fmt: skip
+        self.relaxation = RelaxationPass(self.springs, self.values)
+        self._step = self.scalar(self.values["step"])
+
+    def step(self, state: State) -> None:
+        """One sweep and one run of relaxation. Modifies the state in place."""
+        self.active.sweep(state, self._step)
+        self.relaxation.run(state)
+
+    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
+        """Order nodes and springs anew from the held nodes."""
+        self.active.prescribed_changed(state, held)
+        self.relaxation.order.order(self.active.ordering, state.prescribed)
+
+    def topology_changed(self, change: EditChange, state: State) -> None:
+        """Follow an edit in time proportional to it."""
+        springs = self.springs.follow(change)
+        self.active.follow(change, state)
+        self.relaxation.order.follow(springs)
+
+    def residual(self, state: State) -> float:
+        """Largest internal force on a free active node [N]."""
+        return self.active.residual(state)

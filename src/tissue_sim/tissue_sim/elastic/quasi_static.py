@@ -1,0 +1,84 @@
+"""Quasi-static springs: no mass, no damping, every sweep one step towards equilibrium."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.active_set import ActiveSet
+from tissue_sim.elastic.model import Material, Parameter, State
+from tissue_sim.elastic.ordering import WHOLE_ORGAN
+from tissue_sim.elastic.spring_model import SpringModel
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import Mesh
+
+STEP = Parameter(
+    "step", 1.9, 0.01, 1.99, "", "share of the stable step that a node takes against its force"
+)
+REST_TOLERANCE = Parameter(
+    "rest_tolerance", 1e-8, 1e-12, 1e-3, "m", "largest move in a sweep that counts as rest"
+)
+KEEP_UNTIL_REST = Parameter(
+    "keep_until_rest", 1, 0, 1, "",
+    "1: nodes that leave the active set stay in it until they rest; 0: they stop where they are",
+    integer=True,
+)  # fmt: skip
+
+
+class QuasiStatic(SpringModel):
+    """Gauss-Seidel sweeps u_i += alpha F_i / sum_j k_ij, breadth-first from the held nodes.
+
+    Limitations: springs do not resist inversion of elements; large models converge slowly; see
+    docs/quasi_static.md.
+    """
+
+    name: ClassVar[str] = "quasi_static"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        STEP,
+        Parameter(
+            "levels", 30, 1, WHOLE_ORGAN, "",
+            f"breadth-first levels around the held nodes that move; {WHOLE_ORGAN}: all",
+            integer=True,
+        ),
+        Parameter(
+            "threshold", 0.0, 0.0, 1e-2, "m",
+            "a sweep ends behind the first level none of whose nodes moved farther; 0: never",
+        ),
+        REST_TOLERANCE,
+        KEEP_UNTIL_REST,
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        material: Material,
+        parameters: dict[str, float],
+        springs: SpringNetwork | None = None,
+    ) -> None:
+        super().__init__(mesh, material, parameters, springs)
+        self.active = ActiveSet(
+            self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
+            bool(self.values["keep_until_rest"]),
+        )  # fmt: skip
+        self._step = self.scalar(self.values["step"])
+        self._threshold = self.values["threshold"]
+
+    def step(self, state: State) -> None:
+        """One sweep. Modifies the state in place."""
+        self.active.sweep(state, self._step, self._threshold)
+
+    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
+        """Order the nodes anew from the held ones."""
+        self.active.prescribed_changed(state, held)
+
+    def topology_changed(self, change: EditChange, state: State) -> None:
+        """Follow an edit in time proportional to it."""
+        self.springs.follow(change)
+        self.active.follow(change, state)
+
+    def residual(self, state: State) -> float:
+        """Largest internal force on a free active node [N]."""
+        return self.active.residual(state)

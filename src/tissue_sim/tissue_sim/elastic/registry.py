@@ -1,0 +1,131 @@
+"""Models by name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.model import Material, Model, Parameter, State
+from tissue_sim.elastic.quasi_static import QuasiStatic
+from tissue_sim.elastic.relaxation import Relaxation
+from tissue_sim.elastic.spring_mass import SpringMass
+from tissue_sim.elastic.spring_model import SpringModel
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
+
+MODELS: dict[str, type[SpringModel]] = {
+    model.name: model for model in (QuasiStatic, Relaxation, LocalRelaxation, SpringMass)
+}
+
+
+def names() -> list[str]:
+    """Names of the models."""
+    return sorted(MODELS)
+
+
+def parameters_of(name: str) -> tuple[Parameter, ...]:
+    """What can be set on a model.
+
+    Raises:
+        ValueError: No model has this name.
+    """
+    if name not in MODELS:
+        raise ValueError(f"there is no model {name!r}; allowed: {', '.join(names())}")
+    return MODELS[name].parameters
+
+
+def checked_parameters(name: str, values: dict[str, float]) -> dict[str, float]:
+    """All parameters of a model: the given values, checked, and defaults for the others.
+
+    Raises:
+        ValueError: No model has this name, it has no such parameter, or a value is out of range.
+    """
+    known = {parameter.name: parameter for parameter in parameters_of(name)}
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise ValueError(
+            f"model {name} has no parameter {', '.join(map(repr, unknown))}; "
+            f"allowed: {', '.join(known)}"
+        )
+    return {
+        key: parameter.checked(values[key]) if key in values else parameter.default
+        for key, parameter in known.items()
+    }
+
+
+def build(
+    name: str,
+    mesh: Mesh,
+    material: Material,
+    parameters: dict[str, float] | None = None,
+    springs: SpringNetwork | None = None,
+) -> Model:
+    """Build a model, its kernels compiled.
+
+    Args:
+        name: Name of the model.
+        mesh: The mesh to simulate.
+        material: What it is made of.
+        parameters: Values that differ from the defaults.
+        springs: The spring network of a model of the same mesh and material (its `springs`), to
+            share it and build in less time; a network of another mesh, material or version is not
+            used.
+
+    Raises:
+        ValueError: Unknown name or parameter, a value out of range, or a material that makes no
+        sense.
+    """
+    values = checked_parameters(name, parameters or {})
+    check_material(material)
+    if springs is not None and not _fits(springs, mesh, material):
+        springs = None
+    model: Model = MODELS[name](mesh, material, values, springs)
+    return model
+
+
+def _fits(springs: SpringNetwork, mesh: Mesh, material: Material) -> bool:
+    return springs.mesh is mesh and springs.material == material and springs.version == mesh.version
+
+
+def check_material(material: Material) -> None:
+    """Refuse a material that makes no sense.
+
+    Raises:
+        ValueError: A number is not finite or out of range.
+    """
+    for name, value, low, high, unit in (
+        ("young_modulus", material.young_modulus, 1.0, 1e12, " Pa"),
+        ("density", material.density, 1.0, 1e5, " kg/m^3"),
+    ):
+        if not low <= value <= high:
+            raise ValueError(
+                f"{name} = {value:g} is out of range; allowed: {low:g} to {high:g}{unit}"
+            )
+    if not 0.0 <= material.poisson_ratio < 0.5:
+        raise ValueError(
+            f"poisson_ratio = {material.poisson_ratio:g} is out of range; "
+            "allowed: 0 up to, not including, 0.5"
+        )
+
+
+def warm_up(dtype: type[np.floating] = np.float32) -> None:
+    """Compile, or load from the cache, every kernel, so that no frame has to wait for it."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=np.float64)
+    tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    mesh = Mesh(RawMesh(corners, tets), np.array([True, False, False, False, False]))
+    springs = SpringNetwork(mesh, Material(), dtype)
+    held = np.array([4], dtype=np.int32)
+    for name in names():
+        model = MODELS[name](mesh, Material(), checked_parameters(name, {}), springs)
+        state = State(mesh, dtype)
+        state.prescribed[held] = True
+        model.prescribed_changed(state, held)
+        state.displacement[held] = 0.1
+        model.step(state)
+        model.forces(state, held)
+        model.residual(state)
+        state.prescribed[held] = False
+        model.prescribed_changed(state, held[:0])
+        for _ in range(3):
+            model.step(state)

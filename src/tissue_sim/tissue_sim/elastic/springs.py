@@ -1,0 +1,232 @@
+"""The spring network of a mesh: one spring per edge, following the mesh's edits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.model import Material
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import NO_ROW, Mesh
+from tissue_sim.kernels import networks
+from tissue_sim.kernels.springs import TINY, SpringArrays
+
+EDGES_OF_TET = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+LIST_SLACK = 2
+NOTHING, CHANGED, MADE, REMOVED = range(4)
+
+
+@dataclass(frozen=True)
+class SpringChange:
+    """What following an edit did to the springs.
+
+    Attributes:
+        version: Version of the mesh that the network followed.
+        rows: Rows of the springs touched, shape (n,).
+        kinds: `CHANGED`, `MADE` or `REMOVED` for each, shape (n,).
+    """
+
+    version: int
+    rows: NDArray[np.int32]
+    kinds: NDArray[np.int8]
+
+
+class SpringNetwork:
+    """One spring per edge of a tetrahedral mesh; its elements share out stiffness and mass.
+
+    Every element t gives each of its edges the stiffness E V_t / l0^2 and each of its nodes the
+    mass density V_t / 4. A split that moves nothing hands these shares out anew, so that total
+    stiffness and mass stay. Springs are kept by row (tombstones where one was removed) and by node,
+    with spare room, in the layout that sweeps read.
+
+    Attributes:
+        mesh: The mesh that is followed.
+        material: Where stiffness and mass come from.
+        dtype: Precision of the kernels' arrays.
+        rows: Rows of springs in use.
+        springs: Ends, stiffness, rest length and existence by row, float64; capacity may exceed
+            `rows`.
+        masses: Mass of each node [kg], shape (node_capacity,), float64.
+        tiny: `TINY` in the kernels' precision.
+        version: Version of the mesh that the network is in step with.
+
+    References:
+        A. Van Gelder, Approximate simulation of elastic membranes by triangulated spring meshes,
+        Journal of Graphics Tools 3(2), 1998, doi 10.1080/10867651.1998.10487490. See
+        docs/springs.md for its limits.
+    """
+
+    def __init__(
+        self, mesh: Mesh, material: Material, dtype: type[np.floating] = np.float32
+    ) -> None:
+        self.mesh, self.material, self.dtype = mesh, material, dtype
+        self.version = mesh.version
+        self.tiny = dtype(TINY)
+        self._origin = mesh.rest[: mesh.node_rows].mean(axis=0) if mesh.node_rows else np.zeros(3)
+        self._rest = np.zeros((mesh.node_capacity, 3), dtype=dtype)
+        self._rest[: mesh.node_rows] = mesh.rest[: mesh.node_rows] - self._origin
+        self.masses = np.zeros(mesh.node_capacity)
+        self._weigh(np.arange(mesh.node_rows, dtype=np.int32))
+        self.springs, self.rows = self._build_rows()
+        self._lists, self._used = self._build_lists()
+        networks.fill_lists(self.springs, self.rows, self._lists)
+        self._expose()
+        self.last_change = SpringChange(self.version, _no_rows(), np.empty(0, dtype=np.int8))
+
+    @property
+    def arrays(self) -> SpringArrays:
+        """Springs by node for the kernels; edits may replace the arrays, so do not keep them."""
+        return self._arrays
+
+    @property
+    def spring_of(self) -> NDArray[np.int32]:
+        """Row of the spring at each place of the lists by node."""
+        return self._lists.spring
+
+    def node_stiffness(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Sum of the stiffnesses of the springs at nodes [N/m], shape (len(nodes),)."""
+        sums = np.zeros(self.mesh.node_capacity)
+        networks.stiffness_at(nodes, self._lists, sums)
+        return sums[nodes]
+
+    def follow(self, change: EditChange) -> SpringChange:
+        """Follow an edit that the mesh has applied, in time proportional to it.
+
+        Modifies the network in place.
+        Several models may share a network: only the first call for a version does anything.
+
+        Raises:
+            ValueError: An edit before this one has not been followed.
+        """
+        version = change.edit.version
+        if version == self.version:
+            return self.last_change
+        if version != self.version + 1:
+            raise ValueError(
+                f"the spring network is at version {self.version} and cannot follow the edit "
+                f"that made version {version}; allowed: {self.version + 1}"
+            )
+        self._grow_nodes()
+        self._rest[change.nodes] = self.mesh.rest[change.nodes] - self._origin
+        self._weigh(change.nodes)
+        edges = self._edges_to_repair(change)
+        self._reserve(edges)
+        kinds = np.empty(len(edges), dtype=np.int8)
+        rows = np.empty(len(edges), dtype=np.int32)
+        self.rows, self._used = networks.repair(
+            edges, self.springs, self.rows, self._lists, self._used, self._elements(),
+            self._rest, self.material.young_modulus, self._scratch(), kinds, rows,
+        )  # fmt: skip
+        self.version = version
+        touched = kinds != NOTHING
+        self.last_change = SpringChange(version, rows[touched], kinds[touched])
+        return self.last_change
+
+    def _elements(self) -> networks.Elements:
+        mesh, incident = self.mesh, self.mesh.incident
+        return networks.Elements(
+            mesh.rest, mesh.tets, incident.start, incident.count, incident.data
+        )
+
+    def _scratch(self) -> NDArray[np.int32]:
+        longest = int(self.mesh.incident.count.max(initial=0))
+        return np.empty(longest + 1, dtype=np.int32)
+
+    def _weigh(self, nodes: NDArray[np.int32]) -> None:
+        networks.node_volumes(nodes, self._elements(), self._scratch(), self.masses)
+        self.masses[nodes] *= self.material.density
+
+    def _build_rows(self) -> tuple[networks.Springs, int]:
+        mesh = self.mesh
+        alive = mesh.element_alive[: mesh.element_rows]
+        edges = _edges_of(mesh.tets[: mesh.element_rows][alive])
+        rows = len(edges)
+        capacity = int(rows * 1.25) + 1024
+        springs = networks.Springs(
+            _padded(edges, capacity), np.zeros(capacity), np.zeros(capacity),
+            np.arange(capacity) < rows,
+        )  # fmt: skip
+        networks.measure_springs(
+            springs, rows, self._elements(), self._rest,
+            self.material.young_modulus, self._scratch(),
+        )  # fmt: skip
+        return springs, rows
+
+    def _build_lists(self) -> tuple[networks.Lists, int]:
+        nodes = self.mesh.node_capacity
+        degree = np.bincount(self.springs.ends[: self.rows].ravel(), minlength=nodes)
+        room = np.where(degree > 0, degree + LIST_SLACK, 0)
+        ends = np.cumsum(room)
+        used = int(ends[-1])
+        places = used + used // 8 + 64
+        lists = networks.Lists(
+            (ends - room).astype(np.uint32), np.zeros(nodes, dtype=np.uint32),
+            room.astype(np.uint32), np.zeros(places, dtype=np.uint32),
+            np.full(places, -1, dtype=np.int32), np.zeros(places, dtype=self.dtype),
+            np.zeros(places, dtype=self.dtype),
+        )  # fmt: skip
+        return lists, used
+
+    def _expose(self) -> None:
+        lists = self._lists
+        self._arrays = SpringArrays(
+            self._rest, lists.start, lists.degree, lists.neighbour, lists.stiffness, lists.length
+        )
+
+    def _edges_to_repair(self, change: EditChange) -> NDArray[np.int32]:
+        incident = self.mesh.incident
+        moved = [incident.of(int(node)) for node in change.moved_nodes]
+        elements = np.unique(np.concatenate(moved)) if moved else _no_rows()
+        tets = np.concatenate([change.old_elements, change.new_elements, self.mesh.tets[elements]])
+        return _edges_of(tets[tets[:, 0] != NO_ROW])
+
+    def _grow_nodes(self) -> None:
+        capacity = self.mesh.node_capacity
+        if capacity == len(self._rest):
+            return
+        self._rest = _padded(self._rest, capacity)
+        self.masses = _padded(self.masses, capacity)
+        lists = self._lists
+        self._lists = lists._replace(
+            start=_padded(lists.start, capacity),
+            degree=_padded(lists.degree, capacity),
+            room=_padded(lists.room, capacity),
+        )
+        self._expose()
+
+    def _reserve(self, edges: NDArray[np.int32]) -> None:
+        springs, lists = self.springs, self._lists
+        if self.rows + len(edges) > len(springs.ends):
+            capacity = len(springs.ends) * 5 // 4 + len(edges)
+            self.springs = networks.Springs(*(_padded(array, capacity) for array in springs))
+        # A list of n springs that a more are added to is copied while it doubles: at most 8 + 4 (n
+        # + a) places.
+        nodes, added = np.unique(edges.ravel(), return_counts=True)
+        worst = int((8 + 4 * (lists.room[nodes].astype(np.int64) + added)).sum())
+        if self._used + worst > len(lists.neighbour):
+            places = len(lists.neighbour) * 5 // 4 + worst
+            self._lists = lists._replace(
+                neighbour=_padded(lists.neighbour, places),
+                spring=_padded(lists.spring, places),
+                stiffness=_padded(lists.stiffness, places),
+                length=_padded(lists.length, places),
+            )
+            self._expose()
+
+
+def _no_rows() -> NDArray[np.int32]:
+    return np.empty(0, dtype=np.int32)
+
+
+def _padded(array: NDArray, rows: int) -> NDArray:
+    extra = np.zeros((rows - len(array), *array.shape[1:]), dtype=array.dtype)
+    return np.concatenate([array, extra])
+
+
+def _edges_of(tets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Distinct edges of elements, lower row first, sorted, shape (n, 2)."""
+    pairs = np.sort(tets[:, EDGES_OF_TET].reshape(-1, 2), axis=1).astype(np.int64)
+    keys = np.unique(pairs[:, 0] << 32 | pairs[:, 1])
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)

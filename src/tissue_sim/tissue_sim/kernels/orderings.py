@@ -1,0 +1,154 @@
+"""Loops that put nodes and springs into the order of a sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+UNREACHED = -1
+"""Level and rank of a node that the search did not reach."""
+
+
+@njit(cache=True, nogil=True)
+def breadth_first(
+    sources: NDArray[np.int32],
+    start: NDArray[np.uint32],
+    count: NDArray[np.uint32],
+    neighbour: NDArray[np.uint32],
+    blocked: NDArray[np.bool_],
+    depth: int,
+    level: NDArray[np.int32],
+    nodes: NDArray[np.uint32],
+    level_start: NDArray[np.int32],
+) -> tuple[int, int]:
+    """Breadth-first search over springs, neighbours in the order of their lists.
+
+    Args:
+        sources: Nodes of level 0, in visiting order.
+        start: Springs by node, as in `SpringArrays`.
+        count: Springs by node.
+        neighbour: Springs by node.
+        blocked: Nodes that the search does not enter (sources excepted), shape (node_capacity,).
+        depth: Last level to visit.
+        level: Level of each node; must be `UNREACHED` everywhere, written, shape (node_capacity,).
+        nodes: Visited nodes in order; written, shape (node_capacity,).
+        level_start: Where each level begins in `nodes`, one more entry than levels; written, shape
+            (node_capacity + 2,).
+
+    Returns:
+        Number of visited nodes and of levels.
+    """
+    reached = 0
+    for source in sources:
+        if level[source] == UNREACHED:
+            level[source] = 0
+            nodes[reached] = source
+            reached += 1
+    level_start[0] = 0
+    levels, begin = 0, 0
+    while begin < reached:
+        end = reached
+        levels += 1
+        level_start[levels] = end
+        if levels > depth:
+            break
+        for place in range(begin, end):
+            i = nodes[place]
+            for entry in range(start[i], start[i] + count[i]):
+                j = neighbour[entry]
+                if level[j] == UNREACHED and not blocked[j]:
+                    level[j] = levels
+                    nodes[reached] = j
+                    reached += 1
+        begin = end
+    return reached, levels
+
+
+@njit(cache=True, nogil=True)
+def append_rest(
+    rows: int,
+    blocked: NDArray[np.bool_],
+    alive: NDArray[np.bool_],
+    level: NDArray[np.int32],
+    nodes: NDArray[np.uint32],
+    used: int,
+) -> int:
+    """Put the nodes that a search did not reach behind the others; returns how many there are."""
+    for i in range(rows):
+        if alive[i] and level[i] == UNREACHED and not blocked[i]:
+            nodes[used] = i
+            used += 1
+    return used
+
+
+@njit(cache=True, nogil=True)
+def order_springs(
+    nodes: NDArray[np.uint32],
+    used: int,
+    rank: NDArray[np.int32],
+    start: NDArray[np.uint32],
+    count: NDArray[np.uint32],
+    neighbour: NDArray[np.uint32],
+    spring_of: NDArray[np.int32],
+    length_of: NDArray[np.floating],
+    prescribed: NDArray[np.bool_],
+    first: NDArray[np.uint32],
+    second: NDArray[np.uint32],
+    length: NDArray[np.floating],
+    place_of: NDArray[np.int32],
+) -> int:
+    """List every spring once, at the end that comes earlier in the order of nodes.
+
+    Springs between two prescribed nodes are left out. Writes `first`, `second`, `length` (the
+    list), and `place_of` (the place of each spring row in the list, -1 where it is not in it).
+
+    Returns:
+        Length of the list.
+    """
+    n = 0
+    for place in range(used):
+        i = nodes[place]
+        for entry in range(start[i], start[i] + count[i]):
+            j = neighbour[entry]
+            spring = spring_of[entry]
+            if rank[j] != UNREACHED and rank[j] < place:
+                continue
+            if prescribed[i] and prescribed[j]:
+                place_of[spring] = -1
+                continue
+            first[n], second[n], length[n] = i, j, length_of[entry]
+            place_of[spring] = n
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def pick(
+    nodes: NDArray[np.uint32],
+    used: int,
+    wanted: NDArray[np.bool_],
+    out: NDArray[np.uint32],
+) -> int:
+    """The wanted ones of nodes[:used], in their order. Writes `out`; returns how many."""
+    n = 0
+    for place in range(used):
+        if wanted[nodes[place]]:
+            out[n] = nodes[place]
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def mark_displaced(
+    rows: int,
+    u: NDArray[np.floating],
+    prescribed: NDArray[np.bool_],
+    alive: NDArray[np.bool_],
+    out: NDArray[np.bool_],
+) -> None:
+    """Mark living free nodes displaced at all. Writes `out`, shape (node_capacity,)."""
+    out[:] = False
+    for i in range(rows):
+        moved = u[i, 0] != 0 or u[i, 1] != 0 or u[i, 2] != 0
+        out[i] = moved and alive[i] and not prescribed[i]

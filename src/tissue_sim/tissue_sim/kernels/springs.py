@@ -1,0 +1,278 @@
+"""Loops over springs: node sweeps, relaxation passes, time steps and forces.
+
+Symbols: X rest position [m], u displacement [m], D = X_j - X_i, w = u_j - u_i, e = D + w the
+present edge, l = |e| its length, l0 = |D|, k stiffness [N/m]. Lengths are never subtracted from
+each other:
+
+    l^2 - l0^2 = (2 D + w) . w = q,    so    l - l0 = q / (l + l0),
+
+which is exact to round-off for small displacements in single precision and exactly zero when w is
+zero: tissue at rest, or moved without turning, has no force bit for bit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FAST = {"contract", "nnan", "ninf", "nsz", "arcp"}
+"""No `reassoc`: it turns the loops over neighbours into slow hardware gathers."""
+
+TINY = 1e-30
+"""Squared length [m^2] that counts as none: two nodes in one place pull in no direction instead of
+dividing by zero.
+"""
+
+
+class SpringArrays(NamedTuple):
+    """Springs by node, as kernels read them.
+
+    Attributes:
+        rest: Rest positions relative to a fixed origin [m], shape (node_capacity, 3), the kernel's
+            precision.
+        start: Where a node's list begins in `neighbour`, `stiffness` and `length`, shape
+            (node_capacity,), uint32.
+        degree: Length of the list, shape (node_capacity,), uint32.
+        neighbour: Node at the other end, uint32.
+        stiffness: k [N/m].
+        length: l0 [m].
+    """
+
+    rest: NDArray[np.floating]
+    start: NDArray[np.uint32]
+    degree: NDArray[np.uint32]
+    neighbour: NDArray[np.uint32]
+    stiffness: NDArray[np.floating]
+    length: NDArray[np.floating]
+
+
+class SpringList(NamedTuple):
+    """Springs one after the other in the order of a pass, as kernels read them.
+
+    Attributes:
+        rest: Rest positions as in `SpringArrays`.
+        first, second: Node rows of the ends, uint32; equal for a tombstone.
+        length: l0 [m].
+    """
+
+    rest: NDArray[np.floating]
+    first: NDArray[np.uint32]
+    second: NDArray[np.uint32]
+    length: NDArray[np.floating]
+
+
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def _pull(i, springs, u, tiny):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Internal force on node i [N] and the sum of the stiffnesses of its springs [N/m]."""
+    rest, start, degree, neighbour, stiffness, length = springs
+    X0, X1, X2 = rest[i, 0], rest[i, 1], rest[i, 2]
+    u0, u1, u2 = u[i, 0], u[i, 1], u[i, 2]
+    F0 = F1 = F2 = K = tiny - tiny
+    begin = start[i]
+    for spring in range(begin, begin + degree[i]):
+        j = neighbour[spring]
+        w0, w1, w2 = u[j, 0] - u0, u[j, 1] - u1, u[j, 2] - u2
+        D0, D1, D2 = rest[j, 0] - X0, rest[j, 1] - X1, rest[j, 2] - X2
+        e0, e1, e2 = D0 + w0, D1 + w1, D2 + w2
+        q = (D0 + e0) * w0 + (D1 + e1) * w1 + (D2 + e2) * w2
+        length_now = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
+        pull = stiffness[spring] * q / (length_now * (length_now + length[spring]))
+        F0 += pull * e0
+        F1 += pull * e1
+        F2 += pull * e2
+        K += stiffness[spring]
+    return F0, F1, F2, K
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def sweep_nodes(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    springs: SpringArrays,
+    prescribed: NDArray[np.bool_],
+    step: np.floating,
+    tiny: np.floating,
+    u: NDArray[np.floating],
+) -> np.floating:
+    """One Gauss-Seidel sweep u_i += step F_i / sum_j k_ij over nodes[begin:end].
+
+    Modifies `u` in place.
+
+    The sum of a node's stiffnesses bounds the curvature of the elastic energy in that node's
+    position wherever it is, so that no node's step with 0 < step < 2 can raise the energy: the
+    sweep is stable without tuning.
+
+    Returns:
+        Largest squared distance a node moved [m^2].
+    """
+    largest = tiny - tiny
+    for place in range(begin, end):
+        i = nodes[place]
+        if prescribed[i] or springs.degree[i] == 0:
+            continue
+        F0, F1, F2, K = _pull(i, springs, u, tiny)
+        scale = step / K
+        F0, F1, F2 = F0 * scale, F1 * scale, F2 * scale
+        squared = F0 * F0 + F1 * F1 + F2 * F2
+        # Below 1e-15 m nothing moves: the front of a disturbance would fill with denormal numbers,
+        # which are slow.
+        if squared > tiny:
+            u[i, 0] += F0
+            u[i, 1] += F1
+            u[i, 2] += F2
+            largest = max(largest, squared)
+    return largest
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def node_forces(
+    nodes: NDArray[np.int32],
+    springs: SpringArrays,
+    u: NDArray[np.floating],
+    tiny: np.floating,
+    out: NDArray[np.float64],
+) -> None:
+    """Internal forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
+    for place in range(len(nodes)):
+        F0, F1, F2, _ = _pull(nodes[place], springs, u, tiny)
+        out[place, 0], out[place, 1], out[place, 2] = F0, F1, F2
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def largest_force(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    springs: SpringArrays,
+    prescribed: NDArray[np.bool_],
+    u: NDArray[np.floating],
+    tiny: np.floating,
+) -> tuple[np.floating, np.floating]:
+    """Largest squared F_i [N^2] and F_i / sum_j k_ij [m^2] of free nodes in nodes[begin:end]."""
+    largest = largest_step = tiny - tiny
+    for place in range(begin, end):
+        i = nodes[place]
+        if not prescribed[i] and springs.degree[i] > 0:
+            F0, F1, F2, K = _pull(i, springs, u, tiny)
+            squared = F0 * F0 + F1 * F1 + F2 * F2
+            largest = max(largest, squared)
+            largest_step = max(largest_step, squared / (K * K))
+    return largest, largest_step
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def relax_springs(
+    springs: SpringList,
+    begin: int,
+    end: int,
+    prescribed: NDArray[np.bool_],
+    limits: NDArray[np.floating],
+    tiny: np.floating,
+    u: NDArray[np.floating],
+) -> int:
+    """One relaxation pass over springs[begin:end]. Modifies `u` in place.
+
+    A spring outside [l0 (1 - eps), l0 (1 + eps)] is put at that limit by moving its ends along it.
+    The test needs no
+    square root: l > l0 (1 + eps) is q > l0^2 eps (2 + eps), and l < l0 (1 - eps) is q < -l0^2 eps
+        (2 - eps).
+
+    Args:
+        springs: Springs in the order of the pass.
+        begin: First spring.
+        end: One past the last.
+        prescribed: Nodes that do not move; the other end takes all.
+        limits: eps, eps (2 + eps), -eps (2 - eps), and the share of the excess that each of two
+            free ends takes.
+        tiny: `TINY` in the precision of `u`.
+        u: Displacements [m].
+
+    Returns:
+        Number of springs that were outside their limits.
+    """
+    rest, first, second, length = springs
+    eps, upper, lower, share = limits[0], limits[1], limits[2], limits[3]
+    outside = 0
+    for spring in range(begin, end):
+        a, b = first[spring], second[spring]
+        w0, w1, w2 = u[b, 0] - u[a, 0], u[b, 1] - u[a, 1], u[b, 2] - u[a, 2]
+        e0 = rest[b, 0] - rest[a, 0] + w0
+        e1 = rest[b, 1] - rest[a, 1] + w1
+        e2 = rest[b, 2] - rest[a, 2] + w2
+        q = (e0 + e0 - w0) * w0 + (e1 + e1 - w1) * w1 + (e2 + e2 - w2) * w2
+        l0 = length[spring]
+        squared = l0 * l0
+        if lower * squared <= q <= upper * squared:
+            continue
+        length_now = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
+        excess = q / (length_now + l0)
+        excess = excess - eps * l0 if q > tiny - tiny else excess + eps * l0
+        excess /= length_now
+        if prescribed[a]:
+            if prescribed[b]:
+                continue
+            u[b, 0] -= excess * e0
+            u[b, 1] -= excess * e1
+            u[b, 2] -= excess * e2
+        elif prescribed[b]:
+            u[a, 0] += excess * e0
+            u[a, 1] += excess * e1
+            u[a, 2] += excess * e2
+        else:
+            excess *= share
+            u[a, 0] += excess * e0
+            u[a, 1] += excess * e1
+            u[a, 2] += excess * e2
+            u[b, 0] -= excess * e0
+            u[b, 1] -= excess * e1
+            u[b, 2] -= excess * e2
+        outside += 1
+    return outside
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def verlet_step(
+    rows: int,
+    springs: SpringArrays,
+    prescribed: NDArray[np.bool_],
+    acceleration_scale: NDArray[np.floating],
+    keep: np.floating,
+    tiny: np.floating,
+    u: NDArray[np.floating],
+    previous: NDArray[np.floating],
+) -> None:
+    """One Verlet step u(t+h) = u + keep (u - u(t-h)) + h^2 F/m, keep = 1 - d.
+
+    Modifies `u` and `previous` in place.
+
+    Args:
+        rows: Nodes [0, rows) take part.
+        springs: Springs by node.
+        prescribed: Nodes that do not move; they get no velocity either.
+        acceleration_scale: h^2 / m per node [m/N], shape (node_capacity,); 0 for nodes without
+            mass.
+        keep: 1 - d.
+        tiny: `TINY` in the precision of `u`.
+        u: Displacements [m].
+        previous: Displacements one step earlier [m].
+    """
+    for i in range(rows):
+        if prescribed[i] or springs.degree[i] == 0:
+            previous[i, 0], previous[i, 1], previous[i, 2] = u[i, 0], u[i, 1], u[i, 2]
+            continue
+        F0, F1, F2, _ = _pull(i, springs, u, tiny)
+        scale = acceleration_scale[i]
+        previous[i, 0] = u[i, 0] + keep * (u[i, 0] - previous[i, 0]) + scale * F0
+        previous[i, 1] = u[i, 1] + keep * (u[i, 1] - previous[i, 1]) + scale * F1
+        previous[i, 2] = u[i, 2] + keep * (u[i, 2] - previous[i, 2]) + scale * F2
+    # Everything above has read the present `u`; now `previous` holds the next. Displacements below
+    # 1e-15 m become 0: the front of a wave would fill with denormal numbers, which are slow.
+    for i in range(rows):
+        for axis in range(3):
+            following = previous[i, axis]
+            previous[i, axis] = u[i, axis]
+            u[i, axis] = following if following * following > tiny else tiny - tiny
