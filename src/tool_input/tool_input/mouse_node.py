@@ -13,7 +13,12 @@ from tissue_interfaces.msg import Status, TissueState, Tool, Topology, TopologyE
 from tissue_interfaces.srv import Cut, SetModel, SetTool
 
 from tissue_sim import qos
-from tissue_sim.conversions import edit_from_msg, positions_from_state, topology_to_mesh
+from tissue_sim.conversions import (
+    edit_from_msg,
+    epoch_of,
+    positions_from_state,
+    topology_to_mesh,
+)
 from tissue_sim.elastic import registry
 from tissue_sim.geometry.surface import boundary_triangles
 from tissue_sim.node_main import declare, run
@@ -27,9 +32,7 @@ PARAMETERS = (
     Spec("tool", "string", "mouse", "Name of the tool the mouse moves; made if it is not there."),
     Spec("frame_id", "string", "organ", "Frame of the organ; poses and cuts are given in it."),
     Spec("host", "string", "127.0.0.1", "Address the page listens on; loopback only."),
-    Spec(
-        "port", "integer", 8080, "Port of the page; the next free one if it is taken.", "", 0, 65535
-    ),
+    Spec("port", "integer", 8080, "Port of the page; the next free one if taken.", "", 0, 65535),
     Spec("radius", "double", 0.005, "Grab radius at the start.", "m", 1e-4, 1.0),
     Spec("view_hz", "double", 20.0, "How often the page is redrawn.", "1/s", 1.0, 60.0),
     Spec(
@@ -136,17 +139,17 @@ class MouseNode(Node):
     # What the simulation says
 
     def _on_topology(self, message: Topology) -> None:
-        epoch = bytes(message.epoch)
+        epoch = epoch_of(message)
         if self._replica.wants_keyframe(epoch, message.version):
             self._replica.take_keyframe(epoch, topology_to_mesh(message))
             self._make_tool()
 
     def _on_edit(self, message: TopologyEdit) -> None:
-        self._replica.take_edit(bytes(message.epoch), edit_from_msg(message))
+        self._replica.take_edit(epoch_of(message), edit_from_msg(message))
 
     def _on_state(self, message: TissueState) -> None:
         positions = positions_from_state(message)
-        self._replica.take_state(bytes(message.epoch), message.version, message.frame, positions)
+        self._replica.take_state(epoch_of(message), message.version, message.frame, positions)
 
     def _on_status(self, message: Status) -> None:
         states = {0: "loading", 1: "ready", 2: "paused", 3: "failed"}
@@ -161,8 +164,10 @@ class MouseNode(Node):
             return
         version = (self._replica.epoch, mesh.version)
         if version != self._shown:
-            elements = mesh.element_rows
-            triangles = boundary_triangles(mesh.tets[:elements], mesh.element_alive[:elements])
+            rows = mesh.element_rows
+            triangles, _ = boundary_triangles(
+                mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
+            )
             self._surface_nodes, corners = np.unique(triangles, return_inverse=True)
             faces = corners.reshape(-1, 3).astype(np.uint32)
             self.page.show_topology(shape.positions[self._surface_nodes], faces)

@@ -56,7 +56,7 @@ def drag(page: OperatingPage, phase: str, start: Any, end: Any, client: int = 0)
         end_position=page._to_page(np.array(end)),
         client=SimpleNamespace(camera=SimpleNamespace(position=eye)),
     )
-    asyncio.run(page._dragged(event))  # type: ignore[arg-type]
+    asyncio.run(page._dragged(event))
 
 
 def status_of(address: str, **headers: str) -> int:
@@ -111,7 +111,7 @@ def test_a_second_window_cannot_take_over_a_drag(page: OperatingPage, recorder: 
 
 def test_a_dropped_connection_lets_go(page: OperatingPage, recorder: Recorder) -> None:
     drag(page, "start", [0, 0, 0], [0, 0, 0], client=3)
-    page._left(SimpleNamespace(client_id=3))  # type: ignore[arg-type]
+    page._left(SimpleNamespace(client_id=3))
     assert recorder.names[-1] == "let_go"
 
 
