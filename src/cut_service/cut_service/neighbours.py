@@ -8,12 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.faces import LOCAL_FACES
 from tissue_sim.geometry.mesh import Mesh
 
 NOBODY = -1
-
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.int32)
-"""Corners of the face opposite each corner, seen counter-clockwise from outside a positive tetrahedron."""
 
 
 class Links(NamedTuple):
@@ -22,13 +20,13 @@ class Links(NamedTuple):
     Attributes:
         tets: Node rows of each element, shape (element_rows, 4).
         start: Where each node's list of elements begins in `data`, shape (node_capacity,).
-        count: Length of each list, shape (node_capacity,).
+        length: Length of each list, shape (node_capacity,).
         data: Element rows.
     """
 
     tets: NDArray[np.int32]
     start: NDArray[np.int64]
-    count: NDArray[np.int32]
+    length: NDArray[np.int32]
     data: NDArray[np.int32]
 
 
@@ -48,14 +46,14 @@ def has_node(links: Links, element: int, node: int) -> bool:
 @njit(cache=True, nogil=True)
 def across(links: Links, element: int, corner: int) -> int:
     """The element on the other side of the face opposite a corner; `NOBODY` on the surface."""
-    a = links.tets[element, FACES[corner, 0]]
-    b = links.tets[element, FACES[corner, 1]]
-    c = links.tets[element, FACES[corner, 2]]
-    if links.count[b] < links.count[a]:
+    a = links.tets[element, LOCAL_FACES[corner, 0]]
+    b = links.tets[element, LOCAL_FACES[corner, 1]]
+    c = links.tets[element, LOCAL_FACES[corner, 2]]
+    if links.length[b] < links.length[a]:
         a, b = b, a
-    if links.count[c] < links.count[a]:
+    if links.length[c] < links.length[a]:
         a, c = c, a
-    for k in range(links.start[a], links.start[a] + links.count[a]):
+    for k in range(links.start[a], links.start[a] + links.length[a]):
         other = links.data[k]
         if other != element and has_node(links, other, b) and has_node(links, other, c):
             return other

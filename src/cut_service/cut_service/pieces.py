@@ -1,4 +1,4 @@
-"""Pieces a cut makes: crumbs are glued back, components are counted."""
+"""Pieces a cut would free that are too small to be meant: crumbs, glued back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from cut_service.neighbours import NOBODY, Links, across, corner_facing, has_nod
 def _piece(
     links: Links, cut: NDArray[np.uint8], seed: int, limit: int, found: NDArray[np.int32]
 ) -> int:
-    """Collect the elements joined to `seed` through uncut faces, at most limit + 1 of them; their number."""
+    """Collect the elements joined to `seed` through uncut faces, at most limit + 1 of them.
+
+    Their number.
+    """
     found[0] = seed
     number, done = 1, 0
     while done < number and number <= limit:
@@ -51,7 +54,10 @@ def _flood(
     crumb: NDArray[np.int32],
     found: NDArray[np.int32],
 ) -> int:
-    """Elements joined to `seed` through uncut faces without leaving what touches the crumb; their number."""
+    """Elements joined to `seed` through uncut faces without leaving what touches the crumb.
+
+    Their number.
+    """
     found[0] = seed
     number, done = 1, 0
     while done < number:
@@ -88,7 +94,10 @@ def _glue(
     crumb: NDArray[np.int32],
     found: NDArray[np.int32],
 ) -> int:
-    """Take the faces between a crumb and the side it shares most area with out of the cut; their number."""
+    """Take the faces between a crumb and the side it shares most area with out of the cut.
+
+    Their number.
+    """
     best, best_seed = -1.0, NOBODY
     for k in range(crumb.shape[0]):
         for corner in range(4):
@@ -132,10 +141,12 @@ def glue_crumbs(
     limit: int,
     cut: NDArray[np.uint8],
 ) -> int:
-    """Give every piece of at most `limit` elements that a cut would free back to a neighbour. Modifies `cut` in place.
+    """Give every piece of at most `limit` elements that a cut would free back to a neighbour.
 
-    A plane through an irregular mesh can leave single elements on their own between the two sides. They would fall out
-    of the organ as unconstrained bodies of no meaning to a surgeon.
+    Modifies `cut` in place.
+
+    A plane through an irregular mesh can leave single elements on their own between the two sides.
+    They would fall out of the organ as unconstrained bodies of no meaning to a surgeon.
 
     Args:
         links: The mesh.
@@ -163,33 +174,3 @@ def glue_crumbs(
                 if number <= limit:
                     glued += _glue(links, positions, cut, piece[:number], found)
     return glued
-
-
-@njit(cache=True, nogil=True)
-def _root(parent: NDArray[np.int32], node: int) -> int:
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node
-
-
-@njit(cache=True, nogil=True)
-def count_components(tets: NDArray[np.int32], alive: NDArray[np.bool_], node_rows: int) -> int:
-    """Number of connected components of the living elements, joined where they share a node."""
-    parent = np.full(node_rows, NOBODY, dtype=np.int32)
-    number = 0
-    for element in range(tets.shape[0]):
-        if not alive[element]:
-            continue
-        for corner in range(4):
-            node = tets[element, corner]
-            if parent[node] == NOBODY:
-                parent[node] = node
-                number += 1
-        first = _root(parent, tets[element, 0])
-        for corner in range(1, 4):
-            other = _root(parent, tets[element, corner])
-            if other != first:
-                parent[other] = first
-                number -= 1
-    return number

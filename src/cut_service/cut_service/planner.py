@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
-from cut_service.neighbours import FACES, Links, links_of
-from cut_service.pieces import count_components, glue_crumbs
+from cut_service.neighbours import Links, links_of
+from cut_service.pieces import glue_crumbs
 from cut_service.quality import total_volume
 from cut_service.selection import Selection, select
 from cut_service.snapping import Snapping, snap
 from cut_service.sweep import Sweep
 from cut_service.ungluing import Ungluing, unglue
+from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
+from tissue_sim.geometry.faces import LOCAL_FACES
 from tissue_sim.geometry.mesh import Mesh
 
 METHODS = ("split",)
@@ -50,8 +52,8 @@ class Report:
         nodes_added: Copies made.
         nodes_moved: Nodes snapped.
         components: Of the organ after the cut.
-        distance_before: Mean and largest distance of the cut's faces (corners and centre) from the sweep before
-            snapping, in the current configuration [m].
+        distance_before: Mean and largest distance of the cut's faces (corners and centre) from the
+            sweep before snapping, in the current configuration [m].
         distance_after: The same after snapping [m].
         volume_change: Of the rest shape, by snapping [m^3].
         crumbs_glued: Faces left whole because they would have freed a piece of a few elements.
@@ -122,7 +124,8 @@ def plan(
 
     Raises:
         SweepError: The sweep is enormous beside the organ.
-        CutError: Unknown method, positions that do not fit or are not finite, or a sweep that splits nothing.
+        CutError: Unknown method, positions that do not fit or are not finite, or a sweep that
+            splits nothing.
     """
     begin = time.perf_counter()
     if method not in METHODS:
@@ -192,7 +195,7 @@ def _without_crumbs(work: _Work, selection: Selection) -> tuple[Selection, int]:
 
 
 def _face_nodes(links: Links, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-    return np.take_along_axis(links.tets[faces[:, 0]], FACES[faces[:, 1]], axis=1)
+    return np.take_along_axis(links.tets[faces[:, 0]], LOCAL_FACES[faces[:, 1]], axis=1)
 
 
 def _snapped(work: _Work, ungluing: Ungluing) -> tuple[Snapping, float]:
@@ -248,9 +251,7 @@ def _edit(
 def _components_after(work: _Work, ungluing: Ungluing) -> int:
     tets = work.links.tets.copy()
     tets[ungluing.elements] = ungluing.nodes
-    return int(
-        count_components(tets, work.alive, ungluing.first_copy + len(ungluing.parents))
-    )
+    return connected_components(tets, work.alive, ungluing.first_copy + len(ungluing.parents))[0]
 
 
 def _distances(

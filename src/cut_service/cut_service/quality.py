@@ -14,9 +14,7 @@ def _distance(p: NDArray[np.float64], q: NDArray[np.float64]) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _twice_area(
-    p: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]
-) -> float:
+def _twice_area(p: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]) -> float:
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -46,10 +44,10 @@ def radius_ratio(
     c: NDArray[np.float64],
     d: NDArray[np.float64],
 ) -> float:
-    """3 x inscribed / circumscribed radius with the sign of the volume: 1 regular, 0 flat, negative inverted.
+    """3 x inscribed / circumscribed radius, signed: 1 regular, 0 flat, negative inverted.
 
-    r = 3 V / A with A the area of the four faces, and R = sqrt(s (s-2l)(s-2m)(s-2n)) / (24 V), where l, m and n are the
-    products of opposite edges' lengths and s their sum.
+    r = 3 V / A with A the area of the four faces, and R = sqrt(s (s-2l)(s-2m)(s-2n)) / (24 V),
+    where l, m and n are the products of opposite edges' lengths and s their sum.
     """
     six = six_volumes(a, b, c, d)
     area = 0.5 * (

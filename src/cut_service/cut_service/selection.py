@@ -1,17 +1,20 @@
-"""Which faces of the mesh a sweep cuts (THESIS of 2003, chapter on topology changes; Nienhuys and van der Stappen).
+"""Which faces of the mesh a sweep cuts: the method of Nienhuys and van der Stappen.
 
-Every edge that the sweep crosses gives up its end node closer to the sweep. Within one element the node farthest from
-the sweep is never chosen, so at most three are, and three make a face of the cut surface.
+Every edge that the sweep crosses gives up its end node closer to the sweep. Within one element the
+node farthest from the sweep is never chosen, so at most three are, and three make a face of the cut
+surface.
 
-Why that separates: take a sweep that passes right through. In each element the nodes not chosen lie on one side, or the
-edge between two of them would be crossed and one of them chosen; call that the element's side. Let two elements of
-different sides share a face, and let its farthest node lie above. Every node of the face is then chosen in the element
-below: those below because the edge to the farthest is crossed, those above because a node not chosen there would be
+Why that separates: take a sweep that passes right through. In each element the nodes not chosen lie
+on one side, or the edge between two of them would be crossed and one of them chosen; call that the
+element's side. Let two elements of different sides share a face, and let its farthest node lie
+above. Every node of the face is then chosen in the element
+below: those below because the edge to the farthest is crossed, those above because a node not
+    chosen there would be
 below. So every face between the two sides is in the cut surface, whatever the mesh looks like.
 
 References:
-    H.-W. Nienhuys and A. F. van der Stappen, A surgery simulation supporting cuts and finite element deformation,
-    MICCAI 2001, doi 10.1007/3-540-45468-3_18.
+    H.-W. Nienhuys and A. F. van der Stappen, A surgery simulation supporting cuts and finite
+    element deformation, MICCAI 2001, doi 10.1007/3-540-45468-3_18.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from cut_service.sweep import Sweep
 from cut_service.sweep_kernels import EDGES, crossed_edges, elements_in_box
 
 TIE = 1e-5
-"""Distances that differ by less than this share of an edge are a tie, and ties go to the lower id."""
+"""Distances nearer to each other than this share of an edge tie; ties go to the lower id."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,10 @@ class Selection:
 
     Attributes:
         crossed: Rows of elements with a crossed edge, shape (n,), ascending.
-        faces: Element row and opposite corner of every face, one of its two sides, shape (face_count, 2).
-        cut: For every element row the set of its faces in the cut surface, bit k for the face opposite corner k,
-            shape (element_rows,).
+        faces: Element row and opposite corner of every face, one of its two sides, shape
+            (face_count, 2).
+        cut: For every element row the set of its faces in the cut surface, bit k for the face
+            opposite corner k, shape (element_rows,).
     """
 
     crossed: NDArray[np.int32]
@@ -54,7 +58,10 @@ def _choose(
     distance: NDArray[np.int64],
     spared: NDArray[np.int32],
 ) -> None:
-    """For each crossed element the corner left over when the other three are chosen, else `NOBODY`; into `spared`."""
+    """For each crossed element the corner left over when the other three are chosen, else `NOBODY`.
+
+    Into `spared`.
+    """
     for k in range(crossed.shape[0]):
         nodes = tets[crossed[k]]
         chosen = 0
@@ -78,7 +85,10 @@ def _mark(
     cut: NDArray[np.uint8],
     faces: NDArray[np.int32],
 ) -> int:
-    """Enter both sides of every chosen face that two elements share in `cut`, one side in `faces`; their number."""
+    """Enter both sides of every chosen face that two elements share in `cut`, one side in `faces`.
+
+    Their number.
+    """
     found = 0
     for k in range(crossed.shape[0]):
         corner = spared[k]
@@ -130,7 +140,8 @@ def _crossed(
 def _ranked_distance(
     tets: NDArray[np.int32], positions: NDArray[np.float64], sweep: Sweep
 ) -> NDArray[np.int64]:
-    # Whole multiples of a small length: rounding noise then leaves ties equal, and the order stays a total one.
+    # Whole multiples of a small length: rounding noise then leaves ties equal, and the order stays
+    # a total one.
     nodes = np.unique(tets)
     edge = np.linalg.norm(positions[tets[:, 1]] - positions[tets[:, 0]], axis=1).mean()
     ranks = np.zeros(len(positions), dtype=np.int64)

@@ -1,13 +1,15 @@
 """Moving the nodes of a cut surface onto the sweep, so that the cut is smooth.
 
-Nodes move where the person sees them, in the deformed configuration. A node's new place lies in one of its own elements,
-and its rest position is the place of the same material point: both are the same weights of that element's
-nodes. Along the way from the old place to the new one all of this is linear in one number t from 0 to 1, and a node
-goes as far as it can: t is the largest found at which no incident element is worse than the quality floor, in either
-configuration. One that already was worse may not get worse still.
+Nodes move where the person sees them, in the deformed configuration. A node's new place lies in one
+of its own elements, and its rest position is the place of the same material point: both are the
+same weights of that element's nodes. Along the way from the old place to the new one all of this is
+linear in one number t from 0 to 1, and a node goes as far as it can: t is the largest found at
+which no incident element is worse than the quality floor, in either configuration. One that already
+was worse may not get worse still.
 
-Surface nodes slide within a triangle of the surface, nodes on a crease along the crease, corners stay: the organ keeps
-its shape. What sliding on a curved surface still changes in rest volume is counted and stops at a budget.
+Surface nodes slide within a triangle of the surface, nodes on a crease along the crease, corners
+stay: the organ keeps its shape. What sliding on a curved surface still changes in rest volume is
+    counted and stops at a budget.
 
 Limitations: a node moves at most across one of its own elements, so a cut through elements much
 larger than the distance between two bends of the sweep stays faceted.
@@ -22,17 +24,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cut_service.neighbours import FACES, NOBODY, Links, across, has_node
+from cut_service.neighbours import NOBODY, Links, across, has_node
 from cut_service.quality import radius_ratio, six_volumes
 from cut_service.sweep import Sweep
 from cut_service.sweep_kernels import closest_on_triangle
+from tissue_sim.geometry.faces import LOCAL_FACES
 
 Reals = NDArray[np.float64]
 
 PASSES = 3
 HALVINGS = 5
 OWN_WEIGHT = 0.05
-"""A node keeps at least this weight on its own old place: it never reaches the far side of its element."""
+"""A node keeps at least this weight on its own old place.
+
+It never reaches the far side of its element.
+"""
 SMALLEST_STEP = 1e-3
 """Shorter moves, as a share of the way to the sweep, are not worth an edit."""
 ON_SWEEP = 1e-4
@@ -97,18 +103,21 @@ def _unit(v: Reals) -> Reals:
 
 @njit(cache=True, nogil=True)
 def _surface_at(links: Links, node: int, triangles: NDArray[np.int32]) -> int:
-    """Boundary triangles at a node as rows (element, a, b), with node, a, b counter-clockwise from outside."""
+    """Boundary triangles at a node, rows (element, a, b).
+
+    Node, a, b turn left seen from outside.
+    """
     found = 0
-    for k in range(links.start[node], links.start[node] + links.count[node]):
+    for k in range(links.start[node], links.start[node] + links.length[node]):
         element = links.data[k]
         for corner in range(4):
             if links.tets[element, corner] == node or across(links, element, corner) != NOBODY:
                 continue
             for i in range(3):
-                if links.tets[element, FACES[corner, i]] == node:
+                if links.tets[element, LOCAL_FACES[corner, i]] == node:
                     triangles[found, 0] = element
-                    triangles[found, 1] = links.tets[element, FACES[corner, (i + 1) % 3]]
-                    triangles[found, 2] = links.tets[element, FACES[corner, (i + 2) % 3]]
+                    triangles[found, 1] = links.tets[element, LOCAL_FACES[corner, (i + 1) % 3]]
+                    triangles[found, 2] = links.tets[element, LOCAL_FACES[corner, (i + 2) % 3]]
                     found += 1
     return found
 
@@ -128,19 +137,24 @@ def _creases(
     for k in range(count):
         for m in range(count):
             # The edge to b of one triangle is the edge to a of the next.
-            if m != k and triangles[k, 2] == triangles[m, 1]:
-                if np.dot(normals[k], normals[m]) < crease and found < ends.shape[0]:
-                    ends[found] = triangles[k, 2]
-                    found += 1
+            if (
+                triangles[k, 2] == triangles[m, 1]
+                and np.dot(normals[k], normals[m]) < crease
+                and found < ends.shape[0]
+            ):
+                ends[found] = triangles[k, 2]
+                found += 1
     return found
 
 
 @njit(cache=True, nogil=True)
-def _way_in_triangle(f: float, fa: float, fb: float, to_a: Reals, to_b: Reals) -> tuple[float, float]:
-    """Weights of a and b at the point closest to the node on the line where a linear function is zero.
+def _way_in_triangle(
+    f: float, fa: float, fb: float, to_a: Reals, to_b: Reals
+) -> tuple[float, float]:
+    """Weights of a and b at the point closest to the node where a linear function is zero.
 
-    The function is f at the node, fa and fb at the triangle's other two nodes. Weights are -1 where the line
-    misses the triangle.
+    The function is f at the node, fa and fb at the triangle's other two nodes. Weights are -1 where
+    the line misses the triangle.
     """
     ends = np.empty((3, 2))
     number = 0
@@ -182,7 +196,10 @@ def _slide(
     crease: float,
     weights: Reals,
 ) -> int:
-    """Where a surface node should slide: an element and the weights there of its other nodes; `NOBODY`: it stays."""
+    """Where a surface node should slide.
+
+    An element and the weights there of its other nodes; `NOBODY`: it stays.
+    """
     x = bodies.shape_old
     place = np.empty(3)
     which = _nearest(x[node], corners, place)
@@ -223,7 +240,7 @@ def _slide(
             best, end = f / (f - fa), ends[k]
     if end == NOBODY:
         return NOBODY
-    for k in range(links.start[node], links.start[node] + links.count[node]):
+    for k in range(links.start[node], links.start[node] + links.length[node]):
         if has_node(links, links.data[k], end):
             _put_weight(links, links.data[k], end, best, weights)
             return links.data[k]
@@ -232,13 +249,13 @@ def _slide(
 
 @njit(cache=True, nogil=True)
 def _drop(links: Links, bodies: _Bodies, node: int, corners: Reals, weights: Reals) -> int:
-    """The element of an inner node towards its closest point on the sweep, and weights there of its other nodes."""
+    """The element of an inner node towards the sweep, and weights there of its other nodes."""
     x = bodies.shape_old
     place = np.empty(3)
     _nearest(x[node], corners, place)
     best, chosen = -1e-9, NOBODY
     trial = np.empty(4)
-    for k in range(links.start[node], links.start[node] + links.count[node]):
+    for k in range(links.start[node], links.start[node] + links.length[node]):
         element = links.data[k]
         nodes = links.tets[element]
         whole = six_volumes(x[nodes[0]], x[nodes[1]], x[nodes[2]], x[nodes[3]])
@@ -263,14 +280,15 @@ def _drop(links: Links, bodies: _Bodies, node: int, corners: Reals, weights: Rea
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _star_quality(
-    links: Links, points: Reals, node: int, place: Reals, quality: Reals
-) -> float:
-    """Quality of the elements at a node were it at `place`, into `quality`; six times their volume."""
+def _star_quality(links: Links, points: Reals, node: int, place: Reals, quality: Reals) -> float:
+    """Quality of the elements at a node were it at `place`, into `quality`.
+
+    Six times their volume.
+    """
     keep = points[node].copy()
     points[node] = place
     volume = 0.0
-    for k in range(links.count[node]):
+    for k in range(links.length[node]):
         nodes = links.tets[links.data[links.start[node] + k]]
         a, b, c, d = points[nodes[0]], points[nodes[1]], points[nodes[2]], points[nodes[3]]
         quality[k] = radius_ratio(a, b, c, d)
@@ -281,10 +299,10 @@ def _star_quality(
 
 @njit(cache=True, nogil=True)
 def _good_enough(before: Reals, after: Reals, count: int, floor: float) -> bool:
+    worst = 0.0
     for k in range(count):
-        if not after[k] >= min(floor, before[k]):
-            return False
-    return True
+        worst = min(worst, after[k] - min(floor, before[k]))
+    return worst >= 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -300,13 +318,13 @@ def _snap(
     weights: Reals,
     reached: Reals,
 ) -> float:
-    """Move the nodes; element, weights of its other nodes at t = 1, and t reached. Returns the change of volume [m^3].
+    """Move the nodes; the element each moves in, weights of its other nodes at t = 1, t reached.
 
-    Modifies `bodies.rest` and `bodies.shape` in place.
+    Modifies `bodies.rest` and `bodies.shape` in place. Returns the change of rest volume [m^3].
     """
     most = 0
     for node in nodes:
-        most = max(most, links.count[node])
+        most = max(most, links.length[node])
     triangles = np.empty((3 * most, 3), dtype=np.int32)
     quality = np.empty((4, most))
     furthest = np.empty(nodes.shape[0])
@@ -328,7 +346,7 @@ def _snap(
         for i in range(nodes.shape[0]):
             if chosen[i] == NOBODY or reached[i] >= furthest[i]:
                 continue
-            node, count = nodes[i], links.count[nodes[i]]
+            node, count = nodes[i], links.length[nodes[i]]
             way_rest, way_shape = np.zeros(3), np.zeros(3)
             for corner in range(4):
                 other = links.tets[chosen[i], corner]

@@ -11,7 +11,10 @@ from cut_service.errors import SweepError
 from cut_service.sweep_kernels import closest_on_sweep
 
 MAX_TRIANGLES = 2000
-"""More triangles than a blade's path needs; a guard against requests that would stall the service."""
+"""More triangles than a blade's path needs.
+
+A guard against requests that would stall the service.
+"""
 
 MAX_SIZE_RATIO = 100.0
 """A sweep this many times as large as the organ is a mistake of units."""
@@ -22,11 +25,12 @@ FLAT = 1e-10
 
 @dataclass(frozen=True)
 class Sweep:
-    """A triangulated surface, in the frame and the units of the organ. Build it with `from_arrays`, which checks it.
+    """A triangulated surface in the organ's frame. Build it with `from_arrays`, which checks it.
 
     Attributes:
         vertices: Positions [m], float64, shape (vertex_count, 3).
-        triangles: Three vertices each, shape (triangle_count, 3); triangles without area have been left out.
+        triangles: Three vertices each, shape (triangle_count, 3); triangles without area have been
+            left out.
     """
 
     vertices: NDArray[np.float64]
@@ -41,25 +45,24 @@ class Sweep:
             triangles: Vertex numbers, shape (triangle_count, 3) or flat, in any order.
 
         Raises:
-            SweepError: Not finite, of the wrong length, without area, or naming vertices that are not there.
+            SweepError: Not finite, of the wrong length, without area, or naming vertices that are
+                not there.
         """
-        points = np.array(vertices, dtype=np.float64).reshape(-1)
-        corners = np.array(triangles, dtype=np.int64).reshape(-1)
-        if len(points) % 3 or len(corners) % 3:
+        flat = np.array(vertices, dtype=np.float64).reshape(-1)
+        numbers = np.array(triangles, dtype=np.int64).reshape(-1)
+        if len(flat) % 3 or len(numbers) % 3:
             raise SweepError(
                 f"a sweep needs three numbers per vertex and three vertices per triangle; "
-                f"got {len(points)} and {len(corners)} numbers"
+                f"got {len(flat)} and {len(numbers)} numbers"
             )
-        points, corners = points.reshape(-1, 3), corners.reshape(-1, 3)
+        points, corners = flat.reshape(-1, 3), numbers.reshape(-1, 3)
         if not 0 < len(corners) <= MAX_TRIANGLES:
-            raise SweepError(
-                f"a sweep has {len(corners)} triangles; allowed: 1 to {MAX_TRIANGLES}"
-            )
+            raise SweepError(f"a sweep has {len(corners)} triangles; allowed: 1 to {MAX_TRIANGLES}")
         if not np.isfinite(points).all():
             raise SweepError("a vertex of the sweep is not finite")
         if corners.min() < 0 or corners.max() >= len(points):
             raise SweepError(
-                f"a triangle of the sweep names vertex {int(corners.max())}; there are {len(points)}"
+                f"a triangle of the sweep names a vertex outside 0 to {len(points) - 1}"
             )
         solid = _has_area(points[corners])
         if not solid.any():
@@ -93,7 +96,10 @@ class Sweep:
         return used.min(axis=0), used.max(axis=0)
 
     def moved(self, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> Sweep:
-        """The sweep after x -> rotation x + translation; rotation of shape (3, 3), translation [m] of shape (3,)."""
+        """The sweep after x -> rotation x + translation.
+
+        Rotation of shape (3, 3), translation [m] of shape (3,).
+        """
         return Sweep(self.vertices @ rotation.T + translation, self.triangles)
 
     def closest(
@@ -105,7 +111,8 @@ class Sweep:
             points: Positions [m], shape (n, 3).
 
         Returns:
-            Closest points [m], shape (n, 3), their distances [m], shape (n,), and the triangles they lie in, shape (n,).
+            Closest points [m], shape (n, 3), their distances [m], shape (n,), and the triangles
+            they lie in, shape (n,).
         """
         places = np.ascontiguousarray(points, dtype=np.float64)
         nearest, distances = np.empty_like(places), np.empty(len(places))
@@ -118,7 +125,7 @@ class Sweep:
         return self.closest(points)[1]
 
     def signed_distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distance of points [m], shape (n,), positive on the side the closest triangle's normal points to."""
+        """Distance of points [m], shape (n,); its sign is the closest triangle normal's side."""
         nearest, distances, which = self.closest(points)
         corners = self.corners[which]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,6 +1,7 @@
 """Loops over elements, edges and points against the triangles of a sweep.
 
-No fastmath here: which side of the sweep a node lies on must come out the same wherever it is asked, bit for bit.
+No fastmath here: which side of the sweep a node lies on must come out the same wherever it is
+asked, bit for bit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]], dtype=np.int3
 def elements_in_box(
     positions: Reals, tets: Rows, alive: NDArray[np.bool_], lower: Reals, upper: Reals, out: Rows
 ) -> int:
-    """Living elements whose bounding box meets a box; their rows go to `out`, their number is returned."""
+    """Living elements whose bounding box meets a box.
+
+    Their rows go to `out`, their number is returned.
+    """
     found = 0
     for element in range(tets.shape[0]):
         if not alive[element]:
@@ -45,7 +49,10 @@ def elements_in_box(
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="never")
 def _above(p: Reals, a: Reals, b: Reals, c: Reals) -> bool:
-    """Whether a point lies on the positive side of a triangle's plane; a point in the plane counts as above."""
+    """Whether a point lies on the positive side of a triangle's plane.
+
+    A point in the plane counts as above.
+    """
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -56,8 +63,9 @@ def _above(p: Reals, a: Reals, b: Reals, c: Reals) -> bool:
 def _turns_left(p: Reals, q: Reals, a: Reals, b: Reals, forward: bool) -> bool:
     """Side on which the line p q passes the segment a b, given `forward`, or b a.
 
-    Callers order p, q and a, b the same way for every element and triangle. The two triangles at an edge of the sweep
-    then see opposite sides, also when the line meets the edge exactly, so that no line slips through between them.
+    Callers order p, q and a, b the same way for every element and triangle. The two triangles at an
+    edge of the sweep then see opposite sides, also when the line meets the edge exactly, so that no
+    line slips through between them.
     """
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     ax, ay, az = a[0] - p[0], a[1] - p[1], a[2] - p[2]
@@ -91,7 +99,7 @@ def crossed_edges(
     triangles: Rows,
     masks: NDArray[np.uint8],
 ) -> None:
-    """For each candidate element the set of its edges that the sweep crosses, as bits in the order of `EDGES`."""
+    """For each candidate element the edges that the sweep crosses, bits in the order of `EDGES`."""
     count = triangles.shape[0]
     lower, upper = np.empty((count, 3)), np.empty((count, 3))
     for t in range(count):
@@ -143,7 +151,7 @@ def crossed_edges(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def closest_on_triangle(p: Reals, a: Reals, b: Reals, c: Reals, out: Reals) -> None:
-    """The point of a triangle closest to p (Ericson, Real-Time Collision Detection, section 5.1.5)."""
+    """The point of a triangle closest to p (Ericson 2005, Real-Time Collision Detection, 5.1.5)."""
     ab, ac, ap = b - a, c - a, p - a
     d1, d2 = np.dot(ab, ap), np.dot(ac, ap)
     if d1 <= 0.0 and d2 <= 0.0:
@@ -179,7 +187,10 @@ def closest_on_triangle(p: Reals, a: Reals, b: Reals, c: Reals, out: Reals) -> N
 def closest_on_sweep(
     points: Reals, corners: Reals, nearest: Reals, distances: Reals, which: Rows
 ) -> None:
-    """Closest point of the sweep, its distance and its triangle for every point; results into the last three."""
+    """Closest point of the sweep, its distance and its triangle for every point.
+
+    Results into the last three.
+    """
     place = np.empty(3)
     for k in range(points.shape[0]):
         best = np.inf

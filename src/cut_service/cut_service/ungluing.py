@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from cut_service.neighbours import FACES, NOBODY, Links, across, corner_facing
+from cut_service.neighbours import NOBODY, Links, across, corner_facing
+from tissue_sim.geometry.faces import LOCAL_FACES
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,13 @@ def _leader(group: NDArray[np.int32], k: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _groups_at(
-    links: Links, cut: NDArray[np.uint8], node: int, group: NDArray[np.int32]
-) -> int:
+def _groups_at(links: Links, cut: NDArray[np.uint8], node: int, group: NDArray[np.int32]) -> int:
     """Number the elements at a node by groups joined through uncut faces that contain it.
 
-    Group 0 holds the lowest element row, and groups are numbered by their lowest row. Returns the number of groups.
+    Group 0 holds the lowest element row, and groups are numbered by their lowest row. Returns the
+    number of groups.
     """
-    begin, count = links.start[node], links.count[node]
+    begin, count = links.start[node], links.length[node]
     rows = links.data[begin : begin + count]
     for k in range(count):
         group[k] = k
@@ -91,17 +91,20 @@ def _copy_nodes(
     parents: NDArray[np.int32],
     changes: NDArray[np.int32],
 ) -> tuple[int, int]:
-    """Enter the parent of each copy in `parents` and (element, corner, copy) in `changes`; the lengths of both."""
+    """Enter the parent of each copy in `parents` and (element, corner, copy) in `changes`.
+
+    The lengths of both.
+    """
     copies, changed = 0, 0
     most = 0
     for node in nodes:
-        most = max(most, links.count[node])
+        most = max(most, links.length[node])
     group = np.empty(most, dtype=np.int32)
     for node in nodes:
         number = _groups_at(links, cut, node, group)
         if number == 1:
             continue
-        for k in range(links.count[node]):
+        for k in range(links.length[node]):
             if group[k] == 0:
                 continue
             element = links.data[links.start[node] + k]
@@ -130,22 +133,25 @@ def _open_faces(
         other = across(links, element, corner)
         facing = corner_facing(links, other, element)
         for i in range(3):
-            c = FACES[corner, i]
+            c = LOCAL_FACES[corner, i]
             old = links.tets[element, c]
             new = nodes[place[element], c] if place[element] != NOBODY else old
             for j in range(3):
-                d = FACES[facing, j]
+                d = LOCAL_FACES[facing, j]
                 if links.tets[other, d] == old:
                     twin = nodes[place[other], d] if place[other] != NOBODY else old
                     if twin != new:
                         opened[k] = True
 
 
-def unglue(links: Links, cut: NDArray[np.uint8], faces: NDArray[np.int32], first_copy: int) -> Ungluing:
-    """Give every group of elements at a node of the cut surface, beyond the first, its own copy of the node.
+def unglue(
+    links: Links, cut: NDArray[np.uint8], faces: NDArray[np.int32], first_copy: int
+) -> Ungluing:
+    """Copy the nodes of the cut surface: one copy for every group of elements beyond the first.
 
-    Two elements are in one group when a chain of elements at the node joins them through faces outside the cut surface.
-    The group with the lowest element row keeps the node. A node at the inner rim of a partial cut has one group
+    Two elements are in one group when a chain of elements at the node joins them through faces
+    outside the cut surface. The group with the lowest element row keeps the node. A node at the
+    inner rim of a partial cut has one group
     only: the rim stays whole.
 
     Args:
@@ -154,9 +160,9 @@ def unglue(links: Links, cut: NDArray[np.uint8], faces: NDArray[np.int32], first
         faces: Element row and opposite corner of the same faces, each once, shape (n, 2).
         first_copy: Number that stands for the first copy.
     """
-    corners = FACES[faces[:, 1]]
+    corners = LOCAL_FACES[faces[:, 1]]
     nodes = np.unique(np.take_along_axis(links.tets[faces[:, 0]], corners, axis=1))
-    room = int(links.count[nodes].sum())
+    room = int(links.length[nodes].sum())
     parents = np.empty(room, dtype=np.int32)
     changes = np.empty((room, 3), dtype=np.int32)
     copies, changed = _copy_nodes(links, cut, nodes, first_copy, parents, changes)
