@@ -1,0 +1,147 @@
+"""Commands: changes of tools, holds, model and pause between two frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tissue_sim.elastic import registry
+from tissue_sim.frame import Answer, Command
+from tissue_sim.interaction.tools import LARGEST, SPHERE, ToolError, ToolSpec
+
+if TYPE_CHECKING:
+    from tissue_sim.simulation import Simulation
+
+
+class CommandError(ValueError):
+    """A command that cannot take effect.
+
+    Attributes:
+        code: Name of the error in the service's constants.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def execute(simulation: Simulation, command: Command) -> Answer:
+    """Carry out a command. Modifies the simulation in place, or nothing when it is refused."""
+    handler = _HANDLERS.get(command.kind)
+    if handler is None:
+        message = f"unknown command {command.kind!r}; allowed: {', '.join(_HANDLERS)}"
+        return Answer(command.request_id, False, message, "INVALID")
+    try:
+        message, values = handler(simulation, command.arguments, command.request_id)
+    except CommandError as error:
+        return Answer(command.request_id, False, str(error), error.code)
+    return Answer(command.request_id, True, message, values=values)
+
+
+_Result = tuple[str, dict[str, Any]]
+
+
+def _tool(simulation: Simulation, name: str) -> ToolSpec:
+    if name not in simulation.tools:
+        known = ", ".join(simulation.tools) or "none"
+        raise CommandError("UNKNOWN_TOOL", f"there is no tool {name!r}; known tools: {known}")
+    return simulation.tools[name]
+
+
+def _grab(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    tool = _tool(simulation, str(arguments["tool"]))
+    radius = float(arguments.get("radius", 0.0))
+    if radius == 0.0 and tool.shape == SPHERE:
+        radius = tool.size[0]
+    if not 0.0 < radius <= LARGEST:
+        raise CommandError(
+            "OUT_OF_RANGE", f"radius = {radius:g} m is not allowed; allowed: up to {LARGEST:g} m"
+        )
+    hold = simulation.grab(tool.id, radius, by_use=False)
+    if hold is None:
+        raise CommandError("NOTHING_THERE", f"no free node within {radius:g} m of {tool.id}'s tip")
+    values = {"hold_id": hold.id, "nodes": len(hold.rows), "taken": len(hold.waiting)}
+    taken = f", {len(hold.waiting)} held already" if len(hold.waiting) else ""
+    return f"{tool.id} holds {len(hold.rows)} nodes{taken}", values
+
+
+def _release(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    hold_id, tool = int(arguments.get("hold_id", 0)), str(arguments.get("tool", ""))
+    if hold_id:
+        holds = [simulation.holds.by_id[hold_id]] if hold_id in simulation.holds.by_id else []
+    else:
+        holds = simulation.holds.of_tool(tool)
+    if not holds and (hold_id or tool not in simulation.tools):
+        ids = ", ".join(map(str, simulation.holds.by_id)) or "none"
+        what = f"hold {hold_id}" if hold_id else f"tool {tool!r}"
+        raise CommandError("UNKNOWN_HOLD", f"there is no {what}; holds: {ids}")
+    simulation.release(holds)
+    return f"released {len(holds)} holds", {}
+
+
+def _set_tool(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    try:
+        tool = ToolSpec.from_arguments(arguments)
+    except ToolError as error:
+        raise CommandError("OUT_OF_RANGE", str(error)) from None
+    simulation.set_tool(tool)
+    return f"tool {tool.id} is set", {}
+
+
+def _remove_tool(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    tool = _tool(simulation, str(arguments["tool"]))
+    simulation.remove_tool(tool.id)
+    return f"tool {tool.id} is removed", {}
+
+
+def checked_model(name: str, parameters: Mapping[str, Any]) -> dict[str, float]:
+    """All parameters of a model, checked.
+
+    Raises:
+        CommandError: The model or a parameter is unknown, or a value is out of range.
+    """
+    if name not in registry.names():
+        allowed = ", ".join(registry.names())
+        raise CommandError("UNKNOWN_MODEL", f"there is no model {name!r}; allowed: {allowed}")
+    try:
+        return registry.checked_parameters(name, {k: float(v) for k, v in parameters.items()})
+    except ValueError as error:
+        raise CommandError("OUT_OF_RANGE", str(error)) from None
+
+
+def _set_model(simulation: Simulation, arguments: Mapping[str, Any], request_id: str) -> _Result:
+    name, parameters = str(arguments["model"]), arguments.get("parameters", {})
+    checked_model(name, parameters)
+    try:
+        simulation.set_model(name, parameters, request_id)
+    except ValueError as error:
+        raise CommandError("OUT_OF_RANGE", str(error)) from None
+    return f"the model is {name}", {}
+
+
+def _pause(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    simulation.paused = bool(arguments["on"])
+    return "paused" if simulation.paused else "running", {}
+
+
+_HANDLERS: dict[str, Callable[[Simulation, Mapping[str, Any], str], _Result]] = {
+    "grab": _grab,
+    "release": _release,
+    "set_model": _set_model,
+    "set_tool": _set_tool,
+    "remove_tool": _remove_tool,
+    "pause": _pause,
+}
+
+
+def finite_edit(weights: np.ndarray, rest: np.ndarray) -> str:
+    """What is wrong with the numbers of an edit; empty: nothing."""
+    if not (np.isfinite(weights).all() and np.isfinite(rest).all()):
+        return "a weight or a rest position is not finite"
+    if len(weights) and np.abs(weights.sum(axis=1) - 1.0).max() > 1e-6:
+        return "the weights of a moved node do not add up to 1"
+    if len(weights) and np.abs(weights).max() > 100.0:
+        return "a moved node lies far outside of its anchors"
+    return ""

@@ -1,0 +1,213 @@
+"""Holds: nodes that follow the rigid motion of a tool.
+
+A node belongs to the first hold that took it. Later holds that want it too wait for it and take it
+over when it is released, from where it is then. Fixed nodes are never held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction import rigid
+
+Rows = NDArray[np.int32]
+
+NOBODY = 0
+
+
+def _no_rows() -> Rows:
+    return np.empty(0, dtype=np.int32)
+
+
+@dataclass
+class Hold:
+    """Nodes held by one tool.
+
+    Attributes:
+        id: Counts up from 1 within an epoch.
+        tool: Id of the tool it follows.
+        by_use: Whether pressing `use` made it, and releasing `use` ends it.
+        rows: Rows of the nodes it moves, shape (n,).
+        local: Their places in the tool's axes [m], shape (n, 3).
+        waiting: Rows of nodes that an earlier hold has, shape (m,).
+    """
+
+    id: int
+    tool: str
+    by_use: bool
+    rows: Rows
+    local: NDArray[np.float64]
+    waiting: Rows
+
+
+class Holds:
+    """All holds of a simulation.
+
+    Attributes:
+        owner: Id of the hold each node row belongs to, 0 for none, shape (node_capacity,).
+        by_id: Holds in the order they were made.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.owner = np.zeros(mesh.node_capacity, dtype=np.int32)
+        self.by_id: dict[int, Hold] = {}
+        self._next = 1
+
+    def __len__(self) -> int:
+        return len(self.by_id)
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of all nodes held, sorted."""
+        return np.flatnonzero(self.owner != NOBODY).astype(np.int32)
+
+    def of_tool(self, tool: str) -> list[Hold]:
+        """The holds of a tool, oldest first."""
+        return [hold for hold in self.by_id.values() if hold.tool == tool]
+
+    def grab(
+        self,
+        wanted: Rows,
+        positions: NDArray[np.float64],
+        tool: str,
+        pose: NDArray[np.float64],
+        by_use: bool,
+    ) -> Hold:
+        """Make a hold. Modifies `owner` in place.
+
+        Args:
+            wanted: Rows to hold; none of them fixed.
+            positions: Their current positions [m], shape (len(wanted), 3).
+            tool: Id of the tool.
+            pose: Its pose, shape (7,).
+            by_use: Whether pressing `use` made it.
+        """
+        free = self.owner[wanted] == NOBODY
+        hold = Hold(
+            id=self._next,
+            tool=tool,
+            by_use=by_use,
+            rows=wanted[free],
+            local=rigid.to_local(pose, positions[free]),
+            waiting=wanted[~free],
+        )
+        self._next += 1
+        self.by_id[hold.id] = hold
+        self.owner[hold.rows] = hold.id
+        return hold
+
+    def release(
+        self,
+        hold: Hold,
+        positions: NDArray[np.float64],
+        poses: dict[str, NDArray[np.float64]],
+    ) -> Rows:
+        """End a hold; nodes others wait for go to the first of those. Modifies the holds in place.
+
+        Args:
+            hold: The hold.
+            positions: Current positions of its nodes [m], shape (len(hold.rows), 3).
+            poses: Poses of all tools.
+
+        Returns:
+            Rows of the nodes that are free now.
+        """
+        del self.by_id[hold.id]
+        self.owner[hold.rows] = NOBODY
+        for other in self.by_id.values():
+            if not len(other.waiting):
+                continue
+            takes = np.isin(hold.rows, other.waiting) & (self.owner[hold.rows] == NOBODY)
+            if takes.any():
+                rows = hold.rows[takes]
+                self._give(other, rows, rigid.to_local(poses[other.tool], positions[takes]))
+        return hold.rows[self.owner[hold.rows] == NOBODY]
+
+    def _give(self, hold: Hold, rows: Rows, local: NDArray[np.float64]) -> None:
+        hold.rows = np.concatenate([hold.rows, rows])
+        hold.local = np.concatenate([hold.local, local])
+        hold.waiting = hold.waiting[~np.isin(hold.waiting, rows)]
+        self.owner[rows] = hold.id
+
+    def follow(
+        self,
+        mesh: Mesh,
+        change: EditChange,
+        moved_positions: NDArray[np.float64],
+        poses: dict[str, NDArray[np.float64]],
+    ) -> list[Hold]:
+        """Carry the holds over an edit. Modifies them in place.
+
+        A copy joins the hold of the node it was copied from, at the same place in the tool's axes:
+        both lips of a cut made between the jaws are still between them, and nothing jumps. A held
+        node that snapping moved is held where it is now. Nodes that vanished leave their holds.
+
+        Args:
+            mesh: The mesh, after the edit.
+            change: What the edit touched.
+            moved_positions: Current positions of `change.moved_nodes` after it [m], shape (m, 3).
+            poses: Poses of all tools.
+
+        Returns:
+            Holds that had nodes and have none left; they are released.
+        """
+        if len(self.owner) < mesh.node_capacity:
+            self.owner = np.pad(self.owner, (0, mesh.node_capacity - len(self.owner)))
+        emptied = []
+        for hold in list(self.by_id.values()):
+            self._follow_moved(hold, change, moved_positions, poses[hold.tool])
+            self._follow_copies(hold, change)
+            alive = mesh.node_alive[hold.rows]
+            self.owner[hold.rows[~alive]] = NOBODY
+            hold.rows, hold.local = hold.rows[alive], hold.local[alive]
+            hold.waiting = hold.waiting[mesh.node_alive[hold.waiting]]
+            if not len(hold.rows) and not len(hold.waiting):
+                del self.by_id[hold.id]
+                emptied.append(hold)
+        return emptied
+
+    @staticmethod
+    def _follow_moved(
+        hold: Hold,
+        change: EditChange,
+        positions: NDArray[np.float64],
+        pose: NDArray[np.float64],
+    ) -> None:
+        _, place, moved = np.intersect1d(hold.rows, change.moved_nodes, return_indices=True)
+        if len(place):
+            hold.local[place] = rigid.to_local(pose, positions[moved])
+
+    def _follow_copies(self, hold: Hold, change: EditChange) -> None:
+        if not len(change.copied_nodes):
+            return
+        order = np.argsort(hold.rows, kind="stable")
+        ordered = hold.rows[order]
+        place = np.searchsorted(ordered, change.copy_parents)
+        place[place == len(ordered)] = 0
+        if len(ordered):
+            mine = ordered[place] == change.copy_parents
+            rows = change.copied_nodes[mine]
+            hold.local = np.concatenate([hold.local, hold.local[order[place[mine]]]])
+            hold.rows = np.concatenate([hold.rows, rows])
+            self.owner[rows] = hold.id
+        waits = np.isin(change.copy_parents, hold.waiting)
+        hold.waiting = np.concatenate([hold.waiting, change.copied_nodes[waits]])
+
+    def place(
+        self, mesh: Mesh, displacement: NDArray[np.floating], poses: dict[str, NDArray[np.float64]]
+    ) -> None:
+        """Put held nodes where their tools are. Modifies `displacement` in place.
+
+        Args:
+            mesh: The mesh.
+            displacement: Of all nodes [m], shape (node_capacity, 3).
+            poses: Poses of all tools.
+        """
+        for hold in self.by_id.values():
+            target = rigid.to_world(poses[hold.tool], hold.local)
+            displacement[hold.rows] = target - mesh.rest[hold.rows]

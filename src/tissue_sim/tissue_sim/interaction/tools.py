@@ -1,0 +1,138 @@
+"""Tools: abstract instruments that act on tissue while they are used."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.interaction import rigid
+
+GRAB, CUT = "grab", "cut"
+SPHERE, RECTANGLE, TRIANGLE = "sphere", "rectangle", "triangle"
+SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE)}
+SIZE_WORDS = {
+    SPHERE: "[radius]",
+    RECTANGLE: "[length along x, depth along z]",
+    TRIANGLE: "[length along x at the top, depth along z]",
+}
+SIZE_COUNT = {SPHERE: 1, RECTANGLE: 2, TRIANGLE: 2}
+SMALLEST, LARGEST = 1e-6, 10.0
+"""Allowed lengths of a tool [m]."""
+
+_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+
+
+class ToolError(ValueError):
+    """A tool that is not allowed."""
+
+
+@dataclass(frozen=True)
+class ToolSpec:
+    """What a tool is.
+
+    Attributes:
+        id: The <tool> in tools/<tool>/servo_cp.
+        kind: grab or cut.
+        shape: sphere for grab; rectangle or triangle for cut.
+        size: Its lengths [m], see `SIZE_WORDS`.
+        pose: Where it is before a pose is received, in the organ frame: x y z [m] and quaternion.
+        owner: Who set it.
+        scale: Metres the tip moves per metre of its source.
+        offset: Added to the source's position, after scaling [m].
+    """
+
+    id: str
+    kind: str = GRAB
+    shape: str = SPHERE
+    size: tuple[float, ...] = (0.005,)
+    pose: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    owner: str = "scene"
+    scale: float = 1.0
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def checked(self) -> ToolSpec:
+        """This tool with its quaternion normalised, if it is allowed.
+
+        Raises:
+            ToolError: Naming what is wrong and what is allowed.
+        """
+        if not _ID.match(self.id):
+            raise ToolError(
+                f"tool id {self.id!r} is not allowed; allowed: a letter, then letters, digits and _"
+            )
+        if self.kind not in SHAPES:
+            raise ToolError(self._allowed("kind", self.kind, ", ".join(SHAPES)))
+        if self.shape not in SHAPES[self.kind]:
+            allowed = f"{', '.join(SHAPES[self.kind])} for kind {self.kind}"
+            raise ToolError(self._allowed("shape", self.shape, allowed))
+        in_range = all(SMALLEST <= length <= LARGEST for length in self.size)
+        if len(self.size) != SIZE_COUNT[self.shape] or not in_range:
+            allowed = f"{SIZE_WORDS[self.shape]} with lengths from {SMALLEST:g} to {LARGEST:g} m"
+            raise ToolError(self._allowed("size", list(self.size), allowed))
+        if not 1e-3 <= self.scale <= 1e3:
+            raise ToolError(self._allowed("scale", self.scale, "0.001 to 1000"))
+        if len(self.offset) != 3 or not all(math.isfinite(value) for value in self.offset):
+            raise ToolError(self._allowed("offset", list(self.offset), "three finite numbers [m]"))
+        if len(self.pose) != 7:
+            raise ToolError(self._allowed("pose", list(self.pose), "x y z and a quaternion"))
+        try:
+            pose = rigid.checked_pose(np.array(self.pose))
+        except rigid.PoseError as error:
+            raise ToolError(f"tool {self.id}: {error}") from None
+        return replace(self, pose=tuple(pose.tolist()))
+
+    def _allowed(self, what: str, value: object, allowed: str) -> str:
+        return f"tool {self.id}: {what} {value!r} is not allowed; allowed: {allowed}"
+
+    def as_arguments(self) -> dict[str, Any]:
+        """This tool as arguments of a `set_tool` command; plain JSON values."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+        }
+
+    @classmethod
+    def from_arguments(cls, arguments: Mapping[str, Any]) -> ToolSpec:
+        """A checked tool from the arguments of a `set_tool` command.
+
+        Raises:
+            ToolError: Naming what is wrong and what is allowed.
+        """
+        known = {**arguments}
+        for name in ("size", "pose", "offset"):
+            if name in known:
+                known[name] = tuple(float(value) for value in known[name])
+        try:
+            return cls(**known).checked()
+        except TypeError as error:
+            raise ToolError(f"tool: {error}") from None
+
+
+def blade(
+    spec: ToolSpec, pose: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
+    """The sweep of a cutting tool's blade.
+
+    Args:
+        spec: A tool of kind cut.
+        pose: Its pose in the organ frame, shape (7,).
+
+    Returns:
+        Corners [m], shape (n, 3), and corner rows of the triangles, shape (m, 3).
+    """
+    half, depth = spec.size[0] / 2, spec.size[1]
+    if spec.shape == TRIANGLE:
+        corners = [[0, 0, 0], [half, 0, depth], [-half, 0, depth]]
+        triangles = [[0, 1, 2]]
+    else:
+        low, high = -depth / 2, depth / 2
+        corners = [[-half, 0, low], [half, 0, low], [half, 0, high], [-half, 0, high]]
+        triangles = [[0, 1, 2], [0, 2, 3]]
+    world = rigid.to_world(pose, np.array(corners, dtype=np.float64))
+    return world, np.array(triangles, dtype=np.uint32)

@@ -1,0 +1,333 @@
+"""The simulation: mesh, state, model, tools and holds, advanced frame by frame."""
+
+from __future__ import annotations
+
+import copy
+import os
+import time
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.commands import execute, finite_edit
+from tissue_sim.elastic import registry
+from tissue_sim.elastic.model import Model, State
+from tissue_sim.frame import (
+    Answer,
+    AppliedEdit,
+    Budget,
+    Command,
+    Cut,
+    Frame,
+    FrameInputs,
+    JournalEntry,
+    ToolSample,
+)
+from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.holds import Hold, Holds
+from tissue_sim.interaction.reaction import wrench_on_tool
+from tissue_sim.interaction.tools import GRAB, ToolSpec, blade
+from tissue_sim.kernels.positions import place_nodes
+from tissue_sim.scene import Scene
+
+EXPLODED = 20.0
+"""A displacement of so many sizes of the organ is not believed."""
+
+
+class Simulation:
+    """One epoch of one organ. `advance` is the only way time passes.
+
+    What `advance` does depends on its inputs and on the number of steps only: the journal that the
+    frames carry is enough to repeat it bit by bit.
+
+    Attributes:
+        mesh, state, model: The organ, its shape and how it deforms.
+        scene: What it started with.
+        epoch: Id of the epoch, 16 bytes.
+        frame: Number of the last frame; 0 before the first.
+        sim_time: Simulated time [s].
+        paused: Whether time stands still.
+        tools: Tools by id.
+        poses: Pose of every tool as used last, shape (7,) each.
+        holds: What the tools hold.
+        lost_states: Frames whose state was not finite or exploded, and was restored.
+    """
+
+    def __init__(self, mesh: Mesh, scene: Scene | None = None, epoch: bytes | None = None) -> None:
+        """Build the model and stand at frame 0.
+
+        Args:
+            mesh: The organ; the simulation changes it in place.
+            scene: Model, material, tools and rate; None for the defaults.
+            epoch: Id of the epoch; None for a new one.
+
+        Raises:
+            ValueError: A model, a parameter or a tool is not allowed.
+        """
+        self.scene = scene or Scene()
+        if not 1.0 <= self.scene.rate_hz <= 1000.0:
+            raise ValueError(f"rate_hz = {self.scene.rate_hz:g} is not allowed; allowed: 1 to 1000")
+        self.mesh = mesh
+        self.epoch = epoch or os.urandom(16)
+        self.state = State(mesh)
+        if self.scene.displacement is not None:
+            rows = mesh.node_rows
+            self.state.displacement[:rows] = self.scene.displacement
+            self.state.previous[:rows] = self.scene.displacement
+        self.tools: dict[str, ToolSpec] = {}
+        self.poses: dict[str, NDArray[np.float64]] = {}
+        self.holds = Holds(mesh)
+        for tool in self.scene.tools:
+            self.set_tool(tool.checked())
+        self.frame, self.sim_time, self.lost_states = 0, 0.0, 0
+        self.paused = False
+        self.model: Model = self.build_model(self.scene.model, {})
+        self._prepared: dict[str, tuple[int, Model]] = {}
+        self._good = self.state.displacement.copy()
+        self._buffers = [np.zeros((mesh.node_capacity, 3), dtype=np.float32) for _ in range(2)]
+        extent = np.ptp(mesh.rest[: mesh.node_rows], axis=0).max() if mesh.node_rows else 1.0
+        self._limit = EXPLODED * float(max(extent, 1e-6))
+        self._owed = 0.0
+        self._tools_changed = True
+        self._events: list[str] = []
+
+    # What commands do
+
+    def grab(self, tool: str, radius: float, by_use: bool) -> Hold | None:
+        """Hold the nodes within `radius` [m] of a tool's tip; None if there is none."""
+        rows = self.mesh.node_rows
+        places = self.mesh.rest[:rows] + self.state.displacement[:rows]
+        way = places - self.poses[tool][:3]
+        inside = np.einsum("ij,ij->i", way, way) <= radius * radius
+        inside &= self.mesh.node_alive[:rows] & ~self.mesh.fixed[:rows]
+        wanted = np.flatnonzero(inside).astype(np.int32)
+        if not len(wanted):
+            return None
+        hold = self.holds.grab(wanted, places[wanted], tool, self.poses[tool], by_use)
+        self._holds_changed()
+        return hold
+
+    def release(self, holds: list[Hold]) -> None:
+        """Let go of holds."""
+        for hold in holds:
+            freed = self.holds.release(hold, self._places(hold.rows), self.poses)
+            # What a tool lets go of starts from rest.
+            self.state.previous[freed] = self.state.displacement[freed]
+        if holds:
+            self._holds_changed()
+
+    def set_tool(self, tool: ToolSpec) -> None:
+        """Create a tool or change one; one that exists stays where it is."""
+        self.tools[tool.id] = tool
+        self.poses.setdefault(tool.id, np.array(tool.pose))
+        self._tools_changed = True
+
+    def remove_tool(self, tool: str) -> None:
+        """Remove a tool and release its holds."""
+        self.release(self.holds.of_tool(tool))
+        del self.tools[tool], self.poses[tool]
+        self._tools_changed = True
+
+    def build_model(self, name: str, parameters: Mapping[str, float]) -> Model:
+        """Build a model of the mesh as it is now; parameters not given keep their configured value.
+
+        It may be called beside `advance` from another thread while no edit is applied.
+
+        Raises:
+            ValueError: The model or a parameter is not allowed.
+        """
+        values = {**self.scene.parameters.get(name, {}), **parameters}
+        running = getattr(self, "model", None)
+        springs = getattr(running, "springs", None)
+        return registry.build(name, self.mesh, self.scene.material, values, springs)
+
+    def offer_model(self, request_id: str, version: int, model: Model) -> None:
+        """Hand over a model built beside the loop for the `set_model` command of this request."""
+        self._prepared[request_id] = (version, model)
+
+    def set_model(self, name: str, parameters: Mapping[str, float], request_id: str) -> None:
+        """Go on with another model; velocities become zero."""
+        version, model = self._prepared.pop(request_id, (0, self.model))
+        if version != self.mesh.version or model.name != name:
+            model = self.build_model(name, parameters)
+        self.model = model
+        self.state.previous[:] = self.state.displacement
+        self._owed = 0.0
+        self.model.prescribed_changed(self.state, self.holds.rows)
+
+    # One frame
+
+    def advance(self, inputs: FrameInputs, budget: Budget) -> Frame:
+        """Advance by one frame.
+
+        Args:
+            inputs: What takes effect in it.
+            budget: How much to step.
+        """
+        self.frame += 1
+        self._events = []
+        answers = [execute(self, command) for command in inputs.commands]
+        edits = []
+        for plan in inputs.edits:
+            applied, answer = self._apply(plan)
+            answers.append(answer)
+            edits += [applied] if applied else []
+        self._remember()
+        cuts = self._use_tools(inputs.tools)
+        step_seconds: list[float] = []
+        if not self.paused:
+            self.holds.place(self.mesh, self.state.displacement, self.poses)
+            step_seconds = self._step(budget)
+            seconds = self.model.time_step
+            self.sim_time += (
+                1.0 / self.scene.rate_hz if seconds is None else seconds * len(step_seconds)
+            )
+        positions, lost = self._positions()
+        accepted = replace(
+            inputs,
+            commands=self._with_start(inputs.commands),
+            edits=tuple(edit.change.edit for edit in edits),
+        )
+        entry = JournalEntry(
+            self.epoch, self.frame, self.mesh.version, self.sim_time, len(step_seconds), accepted,
+            zlib.crc32(positions.data),
+        )  # fmt: skip
+        tools_changed, self._tools_changed = self._tools_changed, False
+        return Frame(
+            positions=positions,
+            journal=entry,
+            wrenches={} if self.paused or lost else self._wrenches(),
+            answers=tuple(answers),
+            edits=tuple(edits),
+            cuts=cuts,
+            events=tuple(self._events),
+            step_seconds=np.array(step_seconds),
+            lost=lost,
+            tools_changed=tools_changed,
+        )
+
+    def _with_start(self, commands: tuple[Command, ...]) -> tuple[Command, ...]:
+        if self.frame > 1:
+            return commands
+        return (Command("start", self.scene.as_arguments()), *commands)
+
+    def _apply(self, plan: TopologyEdit) -> tuple[AppliedEdit | None, Answer]:
+        started = time.perf_counter()
+        try:
+            wrong = finite_edit(plan.moved_weights, plan.moved_rest)
+            if wrong:
+                raise EditError(wrong)
+            change = self.mesh.apply(plan)
+        except StaleEditError as error:
+            return None, Answer(plan.request_id, False, str(error), "STALE")
+        except EditError as error:
+            return None, Answer(plan.request_id, False, str(error), "INVALID")
+        self.state.follow(self.mesh, change)
+        moved = self._places(change.moved_nodes)
+        held = len(self.holds.rows)
+        emptied = self.holds.follow(self.mesh, change, moved, self.poses)
+        np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
+        self.model.topology_changed(change, self.state)
+        if emptied or len(self.holds.rows) != held:
+            self._holds_changed()
+        self._events += [
+            f"hold {h.id} of {h.tool} is released: its nodes vanished" for h in emptied
+        ]
+        applied = AppliedEdit(change, plan, time.perf_counter() - started)
+        values: dict[str, Any] = {"applied": applied}
+        return applied, Answer(plan.request_id, True, f"version {self.mesh.version}", values=values)
+
+    def _remember(self) -> None:
+        """Keep the state from before anything moves, to go back to if it is lost."""
+        if len(self._good) != len(self.state.displacement):
+            self._good = np.empty_like(self.state.displacement)
+        np.copyto(self._good, self.state.displacement)
+
+    def _use_tools(self, samples: tuple[ToolSample, ...]) -> tuple[Cut, ...]:
+        samples = tuple(sample for sample in samples if sample.tool in self.tools)
+        for sample in samples:
+            self.poses[sample.tool] = sample.pose
+        cuts = []
+        for sample in samples:
+            tool = self.tools[sample.tool]
+            if sample.edge == -1 or (sample.edge == 1 and tool.kind == GRAB):
+                self.release([h for h in self.holds.of_tool(tool.id) if h.by_use])
+            if sample.edge == 1 and tool.kind == GRAB:
+                if self.grab(tool.id, tool.size[0], by_use=True) is None:
+                    self._events.append(f"{tool.id} holds nothing: no free node within its radius")
+            elif sample.edge == 1:
+                cuts.append(Cut(tool.id, sample.stamp, *blade(tool, sample.pose)))
+        return tuple(cuts)
+
+    def _step(self, budget: Budget) -> list[float]:
+        """Step the model until the budget is spent, at least once; seconds of each step."""
+        steps = budget.steps
+        if steps is None and self.model.time_step is not None:
+            # The small excess keeps rounding from stealing a step when they divide evenly.
+            self._owed += 1.0 / (self.scene.rate_hz * self.model.time_step) + 1e-9
+            steps = int(self._owed)
+            self._owed -= steps
+        seconds = []
+        last = started = time.perf_counter()
+        while True:
+            if steps is not None and len(seconds) >= steps:
+                return seconds
+            self.model.step(self.state)
+            now = time.perf_counter()
+            seconds.append(now - last)
+            if steps is None and now - started + seconds[-1] > budget.seconds:
+                return seconds
+            last = now
+
+    def _positions(self) -> tuple[NDArray[np.float32], str]:
+        """Positions after the frame, and why the state was lost; then it is restored."""
+        rows = self.mesh.node_rows
+        if len(self._buffers[0]) < rows:
+            shape = (self.mesh.node_capacity, 3)
+            self._buffers = [np.zeros(shape, dtype=np.float32) for _ in range(2)]
+        self._buffers.reverse()
+        positions = self._buffers[0][:rows]
+        rest, displacement = self.mesh.rest[:rows], self.state.displacement
+        bad = place_nodes(rest, displacement[:rows], self._limit, positions)
+        if not bad:
+            return positions, ""
+        self.lost_states += 1
+        lost = (
+            f"{bad} nodes were not finite or farther than {self._limit:g} m from rest after frame "
+            f"{self.frame} with model {self.model.name}; the state before it is restored"
+        )
+        np.copyto(displacement, self._good)
+        np.copyto(self.state.previous, displacement)
+        place_nodes(rest, displacement[:rows], self._limit, positions)
+        # The model may remember what it made of the lost state.
+        self.model.prescribed_changed(self.state, self.holds.rows)
+        return positions, lost
+
+    def _wrenches(self) -> dict[str, NDArray[np.float64]]:
+        wrenches: dict[str, NDArray[np.float64]] = {}
+        if not self.model.has_forces or not len(self.holds):
+            return wrenches
+        for tool in self.tools:
+            rows = [hold.rows for hold in self.holds.of_tool(tool)]
+            if rows:
+                held = np.concatenate(rows)
+                forces = self.model.forces(self.state, held)
+                wrenches[tool] = wrench_on_tool(forces, self._places(held), self.poses[tool][:3])
+        return wrenches
+
+    def _places(self, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+        places: NDArray[np.float64] = self.mesh.rest[rows] + self.state.displacement[rows]
+        return places
+
+    def _holds_changed(self) -> None:
+        np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
+        self.model.prescribed_changed(self.state, self.holds.rows)
+
+    def copy_of_mesh(self) -> Mesh:
+        """A copy of the mesh as it is now, for work outside the loop."""
+        return copy.deepcopy(self.mesh)
