@@ -11,6 +11,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 from tissue_interfaces import msg as messages
 from tissue_interfaces.srv import ApplyEdit, Cut
 
@@ -33,6 +34,10 @@ SILENT_AFTER = 2.0
 
 PAUSE_WHEN_BUSY = 0.25
 """Wait before a busy simulation is asked again [s]."""
+
+
+TRIES = 3
+"""How often an edit is sent while the simulation does not answer."""
 
 
 @dataclass(frozen=True)
@@ -238,14 +243,22 @@ class CutNode(Node):
             )
         stamp = self.get_clock().now().to_msg()
         edit = conversions.edit_to_msg(planned.edit, epoch, self._frames.organ, stamp)
-        future = self._apply.call_async(ApplyEdit.Request(edit=edit))
-        if not await Until(future.done, patience):
+        futures: list[Future] = []
+        # A request can be lost with a simulation that was killed. The edit's request id makes it
+        # safe to send it again: a repeat is answered, not applied.
+        for _ in range(TRIES):
+            futures.append(self._apply.call_async(ApplyEdit.Request(edit=edit)))
+            if await Until(lambda: any(f.done() for f in futures), patience / TRIES):
+                break
+        answered = [future for future in futures if future.done()]
+        for future in futures:
             self._apply.remove_pending_request(future)
-            self._refuse_other_epoch(epoch)
-            raise CutError(
-                CutCode.SIMULATION_LOST, f"the simulation did not answer within {patience:g} s"
-            )
-        return future.result()
+        if answered:
+            return answered[0].result()
+        self._refuse_other_epoch(epoch)
+        raise CutError(
+            CutCode.SIMULATION_LOST, f"the simulation did not answer within {patience:g} s"
+        )
 
     def _refuse_other_epoch(self, epoch: bytes) -> None:
         if self._replica.epoch != epoch:
