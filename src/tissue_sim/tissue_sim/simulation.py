@@ -272,7 +272,7 @@ class Simulation:
             self._owed += 1.0 / (self.scene.rate_hz * self.model.time_step) + 1e-9
             steps = int(self._owed)
             self._owed -= steps
-        seconds = []
+        seconds: list[float] = []
         last = started = time.perf_counter()
         while True:
             if steps is not None and len(seconds) >= steps:

@@ -1,4 +1,4 @@
-"""From what a source sends to a tool's pose as used: the only place where wall-clock time counts."""
+"""From what a source sends to the pose as used: the only place where wall-clock time counts."""
 
 from __future__ import annotations
 

@@ -1,0 +1,199 @@
+"""Saving an organ as it is, and loading it again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.mesh import Mesh, signed_volumes
+from tissue_sim.geometry.raw_mesh import RawMesh
+
+FORMAT = 1
+SUFFIX = ".npz"
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\Z")
+_ARRAYS: dict[str, tuple[str, int]] = {
+    "points": ("f", 2),
+    "tetrahedra": ("i", 2),
+    "regions": ("i", 1),
+    "node_file_ids": ("i", 1),
+    "element_file_ids": ("i", 1),
+    "fixed": ("b", 1),
+    "displacement": ("f", 2),
+    "region_labels": ("i", 1),
+    "region_names": ("U", 1),
+}
+
+
+class SnapshotError(ValueError):
+    """A snapshot that cannot be written or read."""
+
+
+class SnapshotNameError(SnapshotError):
+    """A name that is not allowed."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """An organ at one moment, without the gaps that edits left.
+
+    Attributes:
+        raw: Its mesh at rest.
+        fixed: Nodes that never move, shape (node_count,).
+        displacement: Displacement from rest [m], float32, shape (node_count, 3).
+    """
+
+    raw: RawMesh
+    fixed: NDArray[np.bool_]
+    displacement: NDArray[np.float32]
+
+    def mesh(self) -> Mesh:
+        """A mesh of its own."""
+        return Mesh(self.raw, self.fixed)
+
+
+def path_of(folder: Path, name: str) -> Path:
+    """Where a snapshot lies.
+
+    Raises:
+        SnapshotNameError: The name is not allowed; it is never a path.
+    """
+    if not _NAME.match(name):
+        raise SnapshotNameError(
+            f"the name {name!r} is not allowed; allowed: letters, digits, . _ and -, not starting "
+            "with a dot, at most 100"
+        )
+    return folder / f"{name}{SUFFIX}"
+
+
+def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
+    """An organ as it is now, its rows compacted: copies of everything.
+
+    Args:
+        mesh: The mesh.
+        displacement: Displacement from rest [m], shape (node_capacity, 3).
+    """
+    nodes = np.flatnonzero(mesh.node_alive[: mesh.node_rows])
+    elements = np.flatnonzero(mesh.element_alive[: mesh.element_rows])
+    row = np.full(mesh.node_rows, -1, dtype=np.int64)
+    row[nodes] = np.arange(len(nodes))
+    raw = RawMesh(
+        points=mesh.rest[nodes],
+        tetrahedra=row[mesh.tets[elements]],
+        regions=mesh.regions[elements],
+        region_names=dict(mesh.region_names),
+        node_file_ids=mesh.node_file_ids[nodes],
+        element_file_ids=mesh.element_file_ids[elements],
+        name=mesh.name,
+        source=mesh.source,
+    )
+    return Snapshot(raw, mesh.fixed[nodes], displacement[nodes].astype(np.float32))
+
+
+def save(snapshot: Snapshot, folder: Path, name: str) -> Path:
+    """Write a snapshot; a file of that name stays as it is until the new one is complete.
+
+    Raises:
+        SnapshotNameError: The name is not allowed.
+        SnapshotError: It cannot be written.
+    """
+    path = path_of(folder, name)
+    raw = snapshot.raw
+    values: dict[str, Any] = {
+        "format": np.array(FORMAT),
+        "name": np.array(raw.name),
+        "source": np.array(raw.source),
+        "points": raw.points,
+        "tetrahedra": raw.tetrahedra,
+        "regions": raw.regions,
+        "node_file_ids": raw.node_file_ids,
+        "element_file_ids": raw.element_file_ids,
+        "fixed": snapshot.fixed,
+        "displacement": snapshot.displacement,
+        "region_labels": np.array(list(raw.region_names), dtype=np.int32),
+        "region_names": np.array(list(raw.region_names.values()), dtype=np.str_),
+    }
+    temporary = ""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=folder)
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **values)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        raise SnapshotError(f"{path} could not be written: {error.strerror or error}") from error
+    return path
+
+
+def load(folder: Path, name: str) -> Snapshot:
+    """Read a snapshot; nothing in it is executed.
+
+    Raises:
+        SnapshotNameError: The name is not allowed.
+        SnapshotError: There is no such file, or it is not a sound snapshot.
+    """
+    path = path_of(folder, name)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            values = {key: file[key] for key in file.files}
+    except FileNotFoundError:
+        raise SnapshotError(
+            f"there is no {path}; saved: {', '.join(saved(folder)) or 'none'}"
+        ) from (None)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise SnapshotError(f"{path} is not a snapshot: {error}") from error
+    return _checked(path, values)
+
+
+def saved(folder: Path) -> list[str]:
+    """Names of the snapshots in a folder, sorted."""
+    return sorted(path.stem for path in folder.glob(f"[!.]*{SUFFIX}"))
+
+
+def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
+    if int(values.get("format", np.array(-1)).sum()) != FORMAT:
+        raise SnapshotError(f"{path} is not a snapshot of format {FORMAT}")
+    for key, (kind, dimensions) in _ARRAYS.items():
+        if key not in values or values[key].dtype.kind != kind or values[key].ndim != dimensions:
+            raise SnapshotError(f"{path} is damaged: {key} is missing or of another type")
+    nodes, elements = len(values["points"]), len(values["tetrahedra"])
+    tets = values["tetrahedra"].astype(np.int64)
+    shapes = {
+        "points": (nodes, 3), "displacement": (nodes, 3), "fixed": (nodes,),
+        "node_file_ids": (nodes,), "tetrahedra": (elements, 4), "regions": (elements,),
+        "element_file_ids": (elements,), "region_names": values["region_labels"].shape,
+    }  # fmt: skip
+    for key, shape in shapes.items():
+        if values[key].shape != shape:
+            raise SnapshotError(f"{path} is damaged: {key} has shape {values[key].shape}")
+    if not elements or tets.min() < 0 or tets.max() >= nodes:
+        raise SnapshotError(f"{path} is damaged: its elements name nodes that are not there")
+    finite = np.isfinite(values["points"]).all() and np.isfinite(values["displacement"]).all()
+    if not finite or not (signed_volumes(values["points"], tets.astype(np.int32)) > 0).all():
+        raise SnapshotError(f"{path} is damaged: it is not finite or an element is inverted")
+    labels = values["region_labels"].tolist()
+    raw = RawMesh(
+        points=values["points"].astype(np.float64),
+        tetrahedra=tets,
+        regions=values["regions"].astype(np.int32),
+        region_names=dict(zip(labels, map(str, values["region_names"]), strict=True)),
+        node_file_ids=values["node_file_ids"].astype(np.int64),
+        element_file_ids=values["element_file_ids"].astype(np.int64),
+        name=str(values.get("name", "organ")),
+        source=str(values.get("source", "")),
+    )
+    return Snapshot(raw, values["fixed"].astype(np.bool_), values["displacement"].astype("f4"))
