@@ -1,8 +1,9 @@
-"""Writes a bag: a directory of MCAP files with metadata.yaml, as rosbag2 does, in a thread of its own.
+"""Writes a bag as rosbag2 does: a directory of MCAP files with metadata.yaml.
 
-Nobody who hands over a message ever waits for the disk: messages lie in a queue bounded in bytes, and what does not fit
-is dropped, counted and reported. Chunks are small and closed at least twice a second, so that a killed process loses at
-most half a second (see `bag_recover`).
+A thread of its own writes. Nobody who hands over a message ever waits for the disk: messages lie in
+a queue bounded in bytes, and what does not fit is dropped, counted and reported. Chunks are small
+and closed at least twice a second, so that a killed process loses at most half a second (see
+`bag_recovery`).
 """
 
 from __future__ import annotations
@@ -139,7 +140,8 @@ class BagWriter:
             data: The message in CDR.
             log_time: When it was received [ns since 1970].
             publish_time: When it was published [ns since 1970]; 0: as log_time.
-            qos: What its publishers offer, as rosbag2 writes it; counts with a topic's first message.
+            qos: What its publishers offer, as rosbag2 writes it; counts with a topic's first
+                message.
 
         Returns:
             False where it was dropped: the queue is full, or the bag has ended.
@@ -160,7 +162,7 @@ class BagWriter:
         self._order(_Item("attachment", name, media_type, data, time.time_ns()))
 
     def describe(self, name: str, values: dict[str, str]) -> None:
-        """Put a metadata record into the bag; its entries also go into metadata.yaml as custom data."""
+        """Put a metadata record into the bag; metadata.yaml has its entries as custom data."""
         self._order(_Item("metadata", name, values=dict(values)))
 
     def split(self) -> None:
@@ -250,7 +252,9 @@ class BagWriter:
         definition = message_text(item.type_name)
         known = self._info.topics.get(item.name)
         if known is None:
-            known = TopicInfo(item.name, item.type_name, type_hash(item.type_name), item.values or [])
+            known = TopicInfo(
+                item.name, item.type_name, type_hash(item.type_name), item.values or []
+            )
         elif known.type_name != item.type_name:
             raise ValueError(f"its type was {known.type_name} and is now {item.type_name}")
         if item.type_name not in self._schemas:
@@ -297,7 +301,7 @@ class BagWriter:
         name = f"{self.directory.resolve().name}_{len(self._info.files)}.mcap"
         self._file = ReserveFile(self.directory / name)
         self._mcap = Writer(
-            self._file,  # type: ignore[arg-type]
+            self._file,
             chunk_size=self.options.chunk_bytes,
             compression=_COMPRESSION[self.options.compression],
         )
@@ -353,9 +357,7 @@ def bag_files(directory: Path) -> list[Path]:
     """
     if directory.is_file():
         return [directory]
-    files = sorted(
-        directory.glob("*.mcap"), key=lambda path: (len(path.name), path.name)
-    )
+    files = sorted(directory.glob("*.mcap"), key=lambda path: (len(path.name), path.name))
     if not files:
         what = "holds no .mcap file" if directory.is_dir() else "is not there"
         raise ValueError(f"{directory} {what} (expected a bag: a directory with {FILE_NAME})")

@@ -1,7 +1,8 @@
 """Reads messages of any type from their bytes, knowing only the definition a bag carries.
 
-Arrays of numbers come out as numpy views of the bytes, so a state of 35,000 nodes is read in microseconds; a bag is
-read without ROS, and one recorded before a message changed is still read as it was written.
+Arrays of numbers come out as numpy views of the bytes, so a state of 35,000 nodes is read in
+microseconds; a bag is read without ROS, and one recorded before a message changed is still read as
+it was written.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ Message = SimpleNamespace
 """A decoded message: one attribute per field, nested messages likewise."""
 
 _NUMBERS = {
-    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
-    "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1",
+    "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _STRUCT = {"?": "?", "u1": "B", "i1": "b", "i2": "h", "u2": "H", "i4": "i", "u4": "I",
            "i8": "q", "u8": "Q", "f4": "f", "f8": "d"}  # fmt: skip
@@ -36,7 +38,7 @@ class CdrError(ValueError):
 
 
 class _Cursor:
-    """A place in the bytes of one message; alignment counts from behind the 4-byte encapsulation header."""
+    """A place in one message; alignment counts from behind the 4-byte encapsulation header."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         if len(data) < 4:
@@ -161,7 +163,9 @@ class Decoder:
         if type_name in PRIMITIVES:
             raise CdrError(f"fields of type {type_name} are not supported")
         parts = type_name.split("/")
-        return self._message(f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else f"{package}/{parts[0]}")
+        return self._message(
+            f"{parts[0]}/{parts[-1]}" if len(parts) > 1 else f"{package}/{parts[0]}"
+        )
 
 
 def _array(item: Reader, type_name: str, brackets: str | None) -> Reader:

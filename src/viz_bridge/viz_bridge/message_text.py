@@ -11,8 +11,10 @@ from pathlib import Path
 
 SEPARATOR = "=" * 80
 PRIMITIVES = frozenset(
-    "bool byte char int8 uint8 int16 uint16 int32 uint32 int64 uint64 "
-    "float32 float64 string wstring".split()
+    (
+        *("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32"),
+        *("int64", "uint64", "float32", "float64", "string", "wstring"),
+    )
 )
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*")
 
@@ -53,7 +55,7 @@ def definition_file(package: str, name: str, suffix: str = "msg") -> Path:
 
 @cache
 def message_text(type_name: str) -> str:
-    """The whole definition of a type in `ros2msg` encoding: its text, then that of each type it needs.
+    """The definition of a type in `ros2msg` encoding: its text, then that of each type it needs.
 
     Raises:
         UnknownTypeError: The type or one it needs is not installed.

@@ -13,14 +13,15 @@ RESERVE_SHARE = 0.02
 
 
 class DiskFullError(OSError):
-    """The disk is full and nothing more can be written; the file ends behind the last whole write."""
+    """The disk is full; the file ends behind the last whole write."""
 
 
 class ReserveFile:
     """A file written at the end only, with disk space set aside for its ending.
 
-    A second file holds the reserve. When the disk is full it is deleted, the write that failed is finished in its place
-    and `full` is set: the owner then ends the file. Each `write` is whole or is taken back.
+    A second file holds the reserve. When the disk is full it is deleted, the write that failed is
+    finished in its place and `full` is set: the owner then ends the file. Each `write` is whole or
+    is taken back.
 
     Attributes:
         full: Why no more should be written; empty while there is room.
@@ -95,7 +96,8 @@ class ReserveFile:
             if not self._spare_bytes:
                 with contextlib.suppress(OSError):
                     self._spare.unlink()
-            # Elsewhere (file systems that cannot set space aside) there is no reserve, and a full disk cuts the index.
+            # Elsewhere (file systems that cannot set space aside) there is no reserve, and a full
+            # disk cuts the index.
 
     def _release(self, why: str) -> bool:
         self.full = self.full or why
