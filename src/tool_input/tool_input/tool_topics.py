@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
@@ -48,10 +49,10 @@ class ToolTopics:
         """Whether somebody listens to the poses and to the uses."""
         return bool(self._poses.get_subscription_count() and self._uses.get_subscription_count())
 
-    def pose(self, pose: Pose) -> None:
-        """Publish where the tool shall be, stamped now."""
+    def pose(self, pose: Pose, stamp: Time | None = None) -> None:
+        """Publish where the tool shall be, stamped now if no stamp is given."""
         message = PoseStamped()
-        message.header.stamp = self._clock.now().to_msg()
+        message.header.stamp = stamp or self._clock.now().to_msg()
         message.header.frame_id = self._frame_id
         message.pose = pose_message(pose)
         self._poses.publish(message)

@@ -1,0 +1,5 @@
+"""The `tissue` command."""
+
+from tissue_sim.cli.main import main
+
+__all__ = ["main"]

@@ -1,0 +1,57 @@
+"""`tissue run`."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tissue_sim.runner import RunOptions, run_scene
+
+HELP_SCENE = "A scene (wall, block, sphere_shell, heart), a scene file, or a mesh file."
+HELP_FIXED = (
+    "Nodes that never move: auto, none, set:NAME, box:x0,x1,y0,y1,z0,z1 [m], low:z:0.1, high:z:0.1; "
+    "several joined by +."
+)
+
+
+def run(
+    scene: Annotated[str, typer.Argument(help=HELP_SCENE)],
+    units: Annotated[str, typer.Option(help="Unit of a mesh file: mm or m.")] = "",
+    fixed: Annotated[str, typer.Option(help=HELP_FIXED)] = "",
+    model: Annotated[str, typer.Option(help="Elastic model.")] = "",
+    headless: Annotated[
+        bool, typer.Option("--headless", help="No page and no viewer; a procedure is played.")
+    ] = False,
+    frames: Annotated[int, typer.Option(min=0, help="End after so many frames; 0: never.")] = 0,
+    duration: Annotated[float, typer.Option(min=0.0, help="End after so many seconds.")] = 0.0,
+    procedure: Annotated[Path | None, typer.Option(help="Procedure to play (YAML).")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to write; default out/run/<time>.")
+    ] = None,
+    bag: Annotated[bool, typer.Option("--bag/--no-bag", help="Record a bag.")] = True,
+    rrd: Annotated[bool, typer.Option("--rrd/--no-rrd", help="Record for rerun.")] = False,
+    viewer: Annotated[bool, typer.Option("--viewer", help="Open rerun's viewer.")] = False,
+) -> None:
+    """Simulate a scene or any mesh until Ctrl-C, or for some frames.
+
+    The page for the mouse is served unless --headless is given. A mesh file needs --units; without a
+    procedure, --headless grabs, pulls and cuts it where that looks sensible.
+    """
+    options = RunOptions(
+        scene=scene,
+        units=units,
+        fixed=fixed,
+        model=model,
+        headless=headless,
+        frames=frames,
+        seconds=duration,
+        procedure=procedure,
+        out=out or Path("out/run") / datetime.now(UTC).strftime("%Y%m%d-%H%M%S"),
+        bag=bag,
+        recording=rrd,
+        viewer=viewer,
+    )
+    raise typer.Exit(run_scene(options))

@@ -1,0 +1,199 @@
+"""`tissue run`: a session on a scene or on any mesh, until Ctrl-C or for some frames."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from tissue_sim.default_procedure import tool_parameters, write_default_procedure
+from tissue_sim.elastic import registry
+from tissue_sim.free_domain import choose_domain
+from tissue_sim.geometry.scene_geometry import load, suggest_interaction
+from tissue_sim.launcher import Launcher
+from tissue_sim.run_report import print_report, read_report
+from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene, is_mesh_file
+from tissue_sim.session import (
+    MONITOR,
+    SCRIPT,
+    SIMULATION_PROCESS,
+    SessionPlan,
+    end_session,
+    start_session,
+)
+
+RATE_HZ = 60.0
+HEADLESS_SECONDS = 10.0
+"""Length of a headless run that is told nothing else."""
+
+SLOWEST = 0.02
+"""Share of real time below which a run of some frames is given up."""
+
+console = Console(highlight=False, soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What `tissue run` was told.
+
+    Attributes:
+        scene: Scene, scene file or mesh file.
+        units: Unit of a mesh file.
+        fixed: Nodes that never move; empty: as the scene says.
+        model: Elastic model; empty: as the scene says.
+        headless: Without page and viewer; a procedure is played.
+        frames: Frames to run; 0: no limit.
+        seconds: Seconds to run; 0: no limit.
+        procedure: Procedure to play; None: the default one when headless.
+        out: Folder to write.
+        bag: Whether to record a bag.
+        recording: Whether to record for rerun.
+        viewer: Whether to open rerun's viewer.
+    """
+
+    scene: str
+    units: str
+    fixed: str
+    model: str
+    headless: bool
+    frames: int
+    seconds: float
+    procedure: Path | None
+    out: Path
+    bag: bool
+    recording: bool
+    viewer: bool
+
+
+def run_scene(options: RunOptions) -> int:
+    """Run a session and print what came of it; the exit code."""
+    plan, frames = plan_run(options)
+    domain = choose_domain()
+    console.print(f"{plan.scene.name} in ROS domain {domain}; logs in {plan.out / 'logs'}")
+    with Launcher(plan.out / "logs") as launcher:
+        start_session(launcher, plan)
+        try:
+            _stay(launcher, plan, frames)
+        except KeyboardInterrupt:
+            console.print("ending")
+            if frames:
+                raise
+        finally:
+            end_session(launcher)
+    if not options.headless:
+        return 0
+    report = read_report(plan)
+    print_report(console, plan, report)
+    return 0 if report.good else 1
+
+
+def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
+    """What takes part in a run, and its frames (0: no limit).
+
+    Raises:
+        ValueError: Something in the options is wrong; nothing has been started.
+    """
+    changes: dict[str, Any] = {}
+    if options.model:
+        registry.parameters_of(options.model)
+        changes["model"] = options.model
+    if options.fixed:
+        changes["fixed"] = options.fixed
+    if options.procedure is not None and not options.procedure.is_file():
+        raise ValueError(f"{options.procedure}: no such procedure file")
+    frames = options.frames or round(options.seconds * RATE_HZ)
+    if options.headless and not frames and options.procedure is None:
+        frames = round(HEADLESS_SECONDS * RATE_HZ)
+    if frames:
+        changes["frames"] = frames
+    procedure = options.procedure
+    if is_mesh_file(options.scene):
+        changes |= {
+            "geometry": str(Path(options.scene).resolve()),
+            "units": options.units,
+            "fixed": options.fixed or "auto",
+        }
+        scene = SceneFile(Path(options.scene).stem, {SIMULATION: {}})
+        needs_place = True
+    else:
+        scene = find_scene(options.scene)
+        needs_place = options.headless and procedure is None
+    if needs_place:
+        chosen, procedure = _suggested(options, scene.with_simulation(changes), frames)
+        changes |= chosen
+    plan = SessionPlan(
+        scene=scene.with_simulation(changes),
+        out=_empty_folder(options.out),
+        procedure=procedure if options.headless or options.procedure else None,
+        clock="simulation" if options.headless else "wall",
+        bag=options.bag,
+        recording=options.recording,
+        viewer=options.viewer and not options.headless,
+        page=not options.headless,
+        monitor=options.headless,
+    )
+    return plan, frames
+
+
+def _suggested(
+    options: RunOptions, scene: SceneFile, frames: int
+) -> tuple[dict[str, Any], Path | None]:
+    """Tools for a geometry nobody has chosen any for, and the default procedure when headless."""
+    values = scene.simulation
+    geometry = load(values["geometry"], values.get("units", ""), values.get("fixed", "auto"))
+    for line in geometry.report.lines():
+        console.print(f"  {line}", markup=False)
+    interaction = suggest_interaction(geometry.mesh)
+    if not options.headless or options.procedure is not None:
+        return tool_parameters(interaction), options.procedure
+    procedure = options.out / "procedure.yaml"
+    seconds = (frames or HEADLESS_SECONDS * RATE_HZ) / float(values.get("rate_hz", RATE_HZ))
+    write_default_procedure(procedure, interaction, seconds)
+    return tool_parameters(interaction), procedure
+
+
+def _empty_folder(out: Path) -> Path:
+    """The folder to write, without what an earlier session left there."""
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("session", "logs"):
+        shutil.rmtree(out / name, ignore_errors=True)
+    for name in ("session.rrd", "monitor.json", "script.json", "parameters.yaml"):
+        (out / name).unlink(missing_ok=True)
+    return out
+
+
+def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
+    """Wait until the run is over."""
+    if plan.page:
+        _print_page(launcher, plan)
+    if frames:
+        rate = float(plan.scene.simulation.get("rate_hz", RATE_HZ))
+        patience = 300.0 + frames / rate / SLOWEST
+        launcher.wait_for_end(SIMULATION_PROCESS, patience)
+    elif plan.procedure is not None:
+        launcher.wait_for_end(SCRIPT)
+    else:
+        while True:
+            launcher.check()
+            time.sleep(0.2)
+    if MONITOR in launcher.processes:
+        launcher.stop(MONITOR)
+
+
+def _print_page(launcher: Launcher, plan: SessionPlan) -> None:
+    """Show the address of the mouse page, which its node prints with the token in it."""
+    log = plan.out / "logs" / "mouse.log"
+
+    def address() -> str:
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+            _, found, rest = line.partition("http://")
+            if found:
+                return found + rest.split()[0]
+        return ""
+
+    launcher.wait(lambda: log.is_file() and bool(address()), 120.0, "the page's address")
+    console.print(f"Open [bold]{address()}[/bold] to operate; Ctrl-C ends it.")

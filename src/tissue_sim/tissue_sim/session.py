@@ -1,0 +1,139 @@
+"""One session: which processes take part for a scene, and with what parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tissue_sim.launcher import ProcessSpec, module_command
+from tissue_sim.scene_file import SceneFile
+
+VIEWER_NICENESS = 5
+"""What only watches stands back for what must be on time."""
+
+SIMULATION = "tissue_sim"
+CUT_SERVICE = "cut_service"
+SCRIPT = "script"
+BAG = "bag"
+RERUN = "rerun"
+MONITOR = "monitor"
+MOUSE = "mouse"
+
+
+@dataclass(frozen=True)
+class SessionPlan:
+    """What takes part in a session.
+
+    Attributes:
+        scene: What is simulated.
+        out: Folder of everything that is written.
+        procedure: Procedure to play; None: the tools are moved by somebody else.
+        clock: Clock of the procedure, "wall" or "simulation".
+        bag: Whether the session is recorded as a bag.
+        recording: Whether it is recorded for rerun.
+        viewer: Whether rerun's viewer is opened.
+        page: Whether the mouse page is served.
+        monitor: Whether rates and latencies are counted.
+        extra: Further parameters of nodes by process name.
+    """
+
+    scene: SceneFile
+    out: Path
+    procedure: Path | None = None
+    clock: str = "wall"
+    bag: bool = True
+    recording: bool = True
+    viewer: bool = False
+    page: bool = False
+    monitor: bool = True
+    extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def parameter_file(self) -> Path:
+        """Where the scene's parameters are written for this session."""
+        return self.out / "parameters.yaml"
+
+    @property
+    def bag_folder(self) -> Path:
+        """The bag's directory."""
+        return self.out / "session"
+
+    @property
+    def recording_file(self) -> Path:
+        """The recording for rerun."""
+        return self.out / "session.rrd"
+
+    @property
+    def monitor_file(self) -> Path:
+        """What the monitor counted."""
+        return self.out / "monitor.json"
+
+    @property
+    def script_file(self) -> Path:
+        """What the services answered to the script."""
+        return self.out / "script.json"
+
+
+def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
+    """The processes of a session by name, in the order to start them."""
+    specs = [_simulation(plan), _node(plan, CUT_SERVICE, "cut_service.cut_node", {})]
+    if plan.bag:
+        specs.append(
+            _node(plan, BAG, "viz_bridge.bag_node", {"path": str(plan.bag_folder)}, viewer=True)
+        )
+    if plan.recording or plan.viewer:
+        sinks = {
+            "sink": "both"
+            if plan.recording and plan.viewer
+            else "file"
+            if plan.recording
+            else "viewer",
+            "path": str(plan.recording_file),
+        }
+        specs.append(_node(plan, RERUN, "viz_bridge.rerun_node", sinks, viewer=True))
+    if plan.monitor:
+        specs.append(_node(plan, MONITOR, "viz_bridge.monitor", {"path": str(plan.monitor_file)}))
+    if plan.page:
+        specs.append(_node(plan, MOUSE, "tool_input.mouse_node", {}, viewer=True))
+    if plan.procedure is not None:
+        script = {
+            "procedure": str(plan.procedure),
+            "clock": plan.clock,
+            "report": str(plan.script_file),
+        }
+        specs.append(_node(plan, SCRIPT, "tool_input.script_node", script, needed=False))
+    return {spec.name: spec for spec in specs}
+
+
+def _simulation(plan: SessionPlan) -> ProcessSpec:
+    return _node(plan, SIMULATION, "tissue_sim.simulation_node", {})
+
+
+def _node(
+    plan: SessionPlan,
+    name: str,
+    module: str,
+    parameters: Mapping[str, Any],
+    viewer: bool = False,
+    needed: bool = True,
+) -> ProcessSpec:
+    """A node with the scene's parameters for it and some of this session."""
+    arguments = ["--ros-args", "--params-file", str(plan.parameter_file)]
+    for key, value in {**parameters, **plan.extra.get(name, {})}.items():
+        arguments += ["-p", f"{key}:={_ros_value(value)}"]
+    return ProcessSpec(
+        name,
+        module_command(module, *arguments),
+        niceness=VIEWER_NICENESS if viewer else 0,
+        needed=needed,
+    )
+
+
+def _ros_value(value: Any) -> str:
+    """A parameter's value as the command line of a node wants it: YAML on one line."""
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6).strip()
+    return text.removesuffix("\n...").strip()
