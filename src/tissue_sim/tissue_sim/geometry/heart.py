@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.heart_anatomy import (
+    BETWEEN_POOLS,
     LOWER_CORNER,
     SEPTUM,
     UPPER_CORNER,
-    VESSEL_WALL,
     VESSELS,
 )
 from tissue_sim.geometry.heart_shape import (
@@ -35,7 +35,8 @@ CELL = 1.4e-3
 """Default lattice cell [m]; gives about 36,000 nodes."""
 
 COARSEST_CELL = 2.0e-3
-LARGEST_DEFECT = 5.0e-3
+FINEST_CELL = 0.4e-3
+LARGEST_DEFECT = 4.0e-3
 
 REGIONS = {
     0: "left ventricle",
@@ -72,8 +73,8 @@ def heart_mesh(
     Raises:
         ValueError: A size is outside its range.
     """
-    if not 0.0 < cell <= COARSEST_CELL:
-        raise ValueError(f"cell is {cell} m, it must be above 0 and at most {COARSEST_CELL} m")
+    if not FINEST_CELL <= cell <= COARSEST_CELL:
+        raise ValueError(f"cell is {cell} m, it must be from {FINEST_CELL} to {COARSEST_CELL} m")
     for name, radius in (("asd_radius", asd_radius), ("vsd_radius", vsd_radius)):
         if not 0.0 <= radius <= LARGEST_DEFECT:
             raise ValueError(f"{name} is {radius} m, it must be from 0 to {LARGEST_DEFECT} m")
@@ -97,6 +98,15 @@ def heart_mesh(
     )
 
 
+def heart(
+    cell: float = CELL, asd_radius: float = ASD_RADIUS, vsd_radius: float = VSD_RADIUS
+) -> RawMesh:
+    """The heart, from the data file if it has these sizes, otherwise from `heart_mesh`."""
+    if (cell, asd_radius, vsd_radius) == (CELL, ASD_RADIUS, VSD_RADIUS):
+        return load_heart()
+    return heart_mesh(cell, asd_radius, vsd_radius)
+
+
 def load_heart() -> RawMesh:
     """Load the committed heart, which `heart_mesh()` reproduces exactly."""
     with (files("tissue_sim") / "data" / "heart.npz").open("rb") as stream:
@@ -118,7 +128,7 @@ def save_heart(mesh: RawMesh, path: Path) -> None:
         "set_sizes": np.array([len(rows) for rows in mesh.node_sets.values()]),
         "set_rows": np.concatenate(list(mesh.node_sets.values())).astype(np.uint32),
     }
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    np.savez_compressed(path, **arrays)
 
 
 def _unpack(data: Mapping[str, NDArray[np.generic]]) -> RawMesh:
@@ -157,8 +167,8 @@ def _regions(parts: HeartParts) -> NDArray[np.int32]:
     between_ventricles = (parts.left["left ventricle"] < SEPTUM + 1.0) & (
         parts.right["right ventricle"] < SEPTUM + 1.0
     )
-    between_atria = (parts.left["left atrium"] < VESSEL_WALL + 0.9) & (
-        parts.right["right atrium"] < VESSEL_WALL + 0.9
+    between_atria = (parts.left["left atrium"] < BETWEEN_POOLS + 1.2) & (
+        parts.right["right atrium"] < BETWEEN_POOLS + 1.2
     )
     ventricular = (region == labels["left ventricle"]) | (region == labels["right ventricle"])
     atrial = (region == labels["left atrium"]) | (region == labels["right atrium"])

@@ -83,24 +83,34 @@ class Vessel:
 
     def lumen(self, points: Points) -> Distances:
         """Distance to the blood in the vessel, which ends just beyond the open end."""
-        beyond = self.end + 4.0 * self.end_direction
-        line = np.concatenate([self.line, [[*beyond, self.line[-1, 3]]]])
-        past_end = half_space(points, self.end, self.end_direction) - 1.0
-        return np.maximum(tube(points, line[:, :3], line[:, 3]), past_end)
+        beyond = np.append(self.end + 4.0 * self.end_direction, self.line[-1, 3])
+        return self._cut_tube(points, np.vstack([self.line, beyond]), 1.0, 0.0)
 
     def envelope(self, points: Points) -> Distances:
         """Distance to lumen and wall together, cut flat at the open end."""
-        radii = self.line[:, 3] + self.wall
-        past_end = half_space(points, self.end, self.end_direction)
-        reach = dot(self.line[:, :3] - self.end, self.end_direction)
-        tail = len(reach) - 1
-        while tail > 1 and reach[tail] > -1.2 * radii[-1]:
+        return self._cut_tube(points, self.line + (0.0, 0.0, 0.0, self.wall), 0.0, 1.0)
+
+    def _cut_tube(
+        self, points: Points, line: NDArray[np.float64], beyond: float, rounding: float
+    ) -> Distances:
+        """Tube cut flat; only its last part is cut, since an arch may cross the plane twice.
+
+        Args:
+            points: Places [mm], shape (n, 3).
+            line: Centre line with radii, shape (k, 4) [mm].
+            beyond: How far past the open end the cut lies [mm].
+            rounding: Width of the cut's rounded edge [mm].
+        """
+        past_end = half_space(points, self.end, self.end_direction) - beyond
+        reach = dot(line[:, :3] - self.end, self.end_direction)
+        tail = len(line) - 1
+        while tail > 1 and reach[tail] > -1.2 * line[-1, 3]:
             tail -= 1
-        stub = tube(points, self.line[tail - 1 :, :3], radii[tail - 1 :])
-        stub = smooth_max(stub, past_end, 1.0)
+        last = tube(points, line[tail - 1 :, :3], line[tail - 1 :, 3])
+        last = smooth_max(last, past_end, rounding)
         if tail <= 1:
-            return stub
-        return np.minimum(stub, tube(points, self.line[: tail + 1, :3], radii[: tail + 1]))
+            return last
+        return np.minimum(last, tube(points, line[: tail + 1, :3], line[: tail + 1, 3]))
 
 
 AORTA = Vessel(

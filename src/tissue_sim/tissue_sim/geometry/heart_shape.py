@@ -89,7 +89,7 @@ def _right_ventricle(points: Points, left_ventricle: Distances) -> Distances:
 
 
 def _left_atrium(points: Points) -> Distances:
-    body = ellipsoid(points, (-11.0, 8.0, 11.5), (7.2, 10.0, 7.6))
+    body = ellipsoid(points, (-10.4, 7.2, 11.2), (7.4, 11.0, 7.4))
     appendage = spline(
         (
             (-8.0, 14.0, 12.5, 3.6),
@@ -105,7 +105,7 @@ def _left_atrium(points: Points) -> Distances:
 
 
 def _right_atrium(points: Points) -> Distances:
-    body = ellipsoid(points, (-3.0, -12.5, 10.0), (9.0, 9.2, 10.5))
+    body = ellipsoid(points, (-4.2, -12.0, 10.0), (9.4, 9.6, 10.5))
     root = capsule(points, (1.0, -14.0, 13.0), (7.5, -12.0, 15.5), (5.0, 3.6))
     tips = [
         capsule(points, (7.0, -12.0, 15.0), (11.5, -6.0, 17.5), (3.6, 1.7)),
