@@ -7,7 +7,7 @@ All dihedral angles lie between 10.7 and 164.8 degrees, whatever the shape.
 
 A node moved onto the surface can pinch tissue that is about one cell thin: two pieces would then
 meet in a node or an edge only. Such a node is moved back to its lattice place and declared inside
-(see `_mend_pinches`), which thickens the tissue by less than half a cell, never opens a hole, and
+(see `stuffing_pinches`), which thickens the tissue by less than half a cell, never opens a hole, and
 keeps the angle bounds because every surface point stays in its permitted range.
 
 Limitations: uniform size; parts (and gaps) thinner than about one cell are not resolved;
@@ -29,14 +29,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tissue_sim.geometry.bcc_lattice import (
     DIRECTIONS,
-    LINK_EDGES,
-    LINK_TRIANGLES,
     LONG_DIRECTIONS,
-    TETRAHEDRON_DIRECTIONS,
     BccLattice,
     bcc_lattice,
 )
+from tissue_sim.geometry.stuffing_pinches import mend_pinches
+from tissue_sim.geometry.stuffing_stencils import fill
 
+Integers = NDArray[np.int64]
+Reals = NDArray[np.float64]
+Signs = NDArray[np.int8]
 Implicit = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Signed distance [m] of points, shape (n, 3) -> (n,), negative inside."""
 
@@ -61,7 +63,13 @@ class StuffedMesh(NamedTuple):
     thickened: NDArray[np.float64]
 
 
-def stuff(distance: Implicit, lower: ArrayLike, upper: ArrayLike, cell: float) -> StuffedMesh:
+def stuff(
+    distance: Implicit,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    cell: float,
+    root_steps: int = _ROOT_STEPS,
+) -> StuffedMesh:
     """Fill an implicit shape with tetrahedra.
 
     Args:
@@ -69,6 +77,8 @@ def stuff(distance: Implicit, lower: ArrayLike, upper: ArrayLike, cell: float) -
         lower: Lower corner of a box around the shape [m].
         upper: Upper corner of the box [m].
         cell: Length of the lattice's long edges [m], the mesh's element size.
+        root_steps: Evaluations to find where an edge passes through the surface; a true distance,
+            which is nearly linear along an edge, needs few.
 
     Returns:
         The mesh; the same input gives the same bits.
@@ -81,13 +91,13 @@ def stuff(distance: Implicit, lower: ArrayLike, upper: ArrayLike, cell: float) -
     values = np.asarray(distance(lattice.points), dtype=np.float64)
     _check_values(values, lattice)
     sign = np.where(values < 0.0, 1, -1).astype(np.int8)
-    fractions = _cut_fractions(distance, lattice, values, sign)
+    fractions = _cut_fractions(distance, lattice, values, sign, root_steps)
     positions = lattice.points
     _warp(lattice.neighbours, DIRECTIONS * (0.5 * lattice.cell), fractions, sign, positions)
-    mended = _mend_pinches(lattice.neighbours, values < 0.0, LINK_TRIANGLES, LINK_EDGES, sign)
+    mended = mend_pinches(lattice.neighbours, values < 0.0, sign)
     positions[mended] = lattice.points[mended]
     cuts, cut_positions = _cut_nodes(lattice, fractions, sign, positions)
-    tetrahedra = _fill(lattice.coordinates, lattice.neighbours, cuts, sign)
+    tetrahedra = fill(lattice.coordinates, lattice.neighbours, cuts, sign)
     points, tetrahedra = _keep_used(np.concatenate([positions, cut_positions]), tetrahedra)
     return StuffedMesh(points, _orient(points, tetrahedra), lattice.points[mended])
 
@@ -111,7 +121,11 @@ def _check_values(values: NDArray[np.float64], lattice: BccLattice) -> None:
 
 
 def _cut_fractions(
-    distance: Implicit, lattice: BccLattice, values: NDArray[np.float64], sign: NDArray[np.int8]
+    distance: Implicit,
+    lattice: BccLattice,
+    values: NDArray[np.float64],
+    sign: NDArray[np.int8],
+    root_steps: int,
 ) -> NDArray[np.float64]:
     """Find where each lattice edge passes through the surface, as a share of its length.
 
@@ -125,7 +139,7 @@ def _cut_fractions(
         other = lattice.neighbours[:, direction]
         start = np.flatnonzero((other >= 0) & (sign != sign[other]))
         end = other[start]
-        share = _roots(distance, points[start], points[end], values[start], values[end])
+        share = _roots(distance, points[start], points[end], values[start], values[end], root_steps)
         fractions[start, direction] = share
         fractions[end, direction ^ 1] = 1.0 - share
     return fractions
@@ -137,13 +151,14 @@ def _roots(
     end: NDArray[np.float64],
     at_start: NDArray[np.float64],
     at_end: NDArray[np.float64],
+    steps: int,
 ) -> NDArray[np.float64]:
     """Bracketed roots on segments by the Illinois rule, a fixed number of steps for all."""
     low, high = np.zeros(len(start)), np.ones(len(start))
     f_low, f_high = at_start.copy(), at_end.copy()
     last_side = np.zeros(len(start), dtype=np.int8)
     share = low
-    for _ in range(_ROOT_STEPS if len(start) else 0):
+    for _ in range(steps if len(start) else 0):
         share = (low * f_high - high * f_low) / (f_high - f_low)
         value = distance(start + share[:, None] * (end - start))
         same_as_low = (value < 0.0) == (f_low < 0.0)
@@ -158,7 +173,9 @@ def _roots(
 
 
 @njit(cache=True)
-def _warp(neighbours, steps, fractions, sign, positions):  # type: ignore[no-untyped-def]
+def _warp(
+    neighbours: Integers, steps: Reals, fractions: Reals, sign: Signs, positions: Reals
+) -> None:
     """Move nodes that a cut violates onto their nearest violating cut, in lattice order.
 
     A moved node has sign 0; the cuts on its edges vanish, so that they violate nobody else.
@@ -178,96 +195,6 @@ def _warp(neighbours, steps, fractions, sign, positions):  # type: ignore[no-unt
             sign[node] = 0
             for axis in range(3):
                 positions[node, axis] += fractions[node, best] * steps[best, axis]
-
-
-@njit(cache=True)
-def _components(cells, edge_cells, joined):  # type: ignore[no-untyped-def]
-    """Count the groups of marked cells of a node's link that are joined across link edges."""
-    label = np.arange(len(cells))
-    for _ in range(len(cells)):
-        changed = False
-        for edge in range(len(joined)):
-            if joined[edge]:
-                a, b = edge_cells[edge, 0], edge_cells[edge, 1]
-                low = min(label[a], label[b])
-                if label[a] != low or label[b] != low:
-                    label[a] = low
-                    label[b] = low
-                    changed = True
-        if not changed:
-            break
-    count = 0
-    for cell in range(len(cells)):
-        if cells[cell] and label[cell] == cell:
-            count += 1
-    return count
-
-
-@njit(cache=True)
-def _is_pinched(around, triangles, edges):  # type: ignore[no-untyped-def]
-    """Whether inside or outside around a surface node falls apart into several pieces.
-
-    Around the node its 14 neighbours form a triangulated sphere, the link. Link triangles with
-    an inside neighbour carry tissue, those with an outside neighbour or with none inside
-    carry outside. The surface is a disc at the node exactly if each of both is one piece
-    joined across link edges.
-
-    Args:
-        around: Signs of the 14 neighbours.
-        triangles: Link triangles, shape (24, 3).
-        edges: Link edges with their triangles, shape (36, 4).
-    """
-    tissue = np.zeros(len(triangles), dtype=np.bool_)
-    outside = np.zeros(len(triangles), dtype=np.bool_)
-    for t in range(len(triangles)):
-        a, b, c = around[triangles[t, 0]], around[triangles[t, 1]], around[triangles[t, 2]]
-        tissue[t] = a > 0 or b > 0 or c > 0
-        outside[t] = a < 0 or b < 0 or c < 0 or not tissue[t]
-    tissue_joined = np.zeros(len(edges), dtype=np.bool_)
-    outside_joined = np.zeros(len(edges), dtype=np.bool_)
-    for e in range(len(edges)):
-        first, second = edges[e, 0], edges[e, 1]
-        a, b = around[edges[e, 2]], around[edges[e, 3]]
-        on_surface = a == 0 and b == 0
-        tissue_joined[e] = a > 0 or b > 0 or (on_surface and tissue[first] and tissue[second])
-        outside_joined[e] = (
-            a < 0 or b < 0 or (on_surface and not tissue[first] and not tissue[second])
-        )
-    if _components(tissue, edges, tissue_joined) > 1:
-        return True
-    return _components(outside, edges, outside_joined) > 1
-
-
-@njit(cache=True)
-def _mend_pinches(neighbours, was_inside, triangles, edges, sign):  # type: ignore[no-untyped-def]
-    """Declare surface nodes inside where tissue or outside would only touch itself.
-
-    Nodes that were inside before they were moved come first, then any. Tissue is only added,
-    so the sweeps end. Modifies `sign` in place.
-
-    Returns:
-        Rows of the nodes declared inside, which belong at their lattice places again.
-    """
-    mended = np.zeros(len(sign), dtype=np.bool_)
-    around = np.empty(14, dtype=np.int8)
-    only_former_inside = True
-    while True:
-        changed = False
-        for node in range(len(sign)):
-            if sign[node] != 0 or (only_former_inside and not was_inside[node]):
-                continue
-            for direction in range(14):
-                around[direction] = sign[neighbours[node, direction]]
-            if _is_pinched(around, triangles, edges):
-                sign[node] = 1
-                mended[node] = True
-                changed = True
-        if changed:
-            only_former_inside = True
-        elif only_former_inside:
-            only_former_inside = False
-        else:
-            return np.flatnonzero(mended)
 
 
 def _cut_nodes(
@@ -300,155 +227,6 @@ def _cut_nodes(
         cuts[start, direction] = cuts[end, direction ^ 1] = count + np.arange(len(start))
         count += len(start)
     return cuts, np.concatenate(places)
-
-
-@njit(cache=True)
-def _diagonal_from_first(first, second, outside, coordinates):  # type: ignore[no-untyped-def]
-    """Choose the diagonal of a cut lattice face, the same from both sides.
-
-    The face has corners `first` and `second` inside and one outside. If the inside edge is long,
-    the parity rule decides: the diagonal leaves the corner of which an even number of coordinates
-    exceed the outside corner's. Otherwise it leaves the corner whose cut edge is short (with the
-    other choice the smallest angle falls to 8 degrees).
-
-    Returns:
-        True if the diagonal runs from `first` to the cut on the edge second-outside.
-    """
-    long_inside, greater, first_cut_is_long = 0, 0, 0
-    for axis in range(3):
-        a, b = coordinates[first, axis], coordinates[second, axis]
-        c = coordinates[outside, axis]
-        long_inside += abs(a - b) == 2
-        greater += a > c
-        first_cut_is_long += abs(a - c) == 2
-    if long_inside == 1:
-        return greater % 2 == 0
-    return first_cut_is_long == 0
-
-
-@njit(cache=True)
-def _emit_prism(a, b, diagonal, out, count):  # type: ignore[no-untyped-def]
-    """Split the prism a0 a1 a2 - b0 b1 b2 into three tetrahedra.
-
-    `diagonal[k]` says that side k (a_k, a_k+1, b_k+1, b_k) has the diagonal a_k - b_k+1; the three
-    must not all be equal (no such split exists).
-    """
-    k = 0
-    while not (diagonal[k] and not diagonal[(k + 2) % 3]):
-        k += 1
-    i, j, m = k, (k + 1) % 3, (k + 2) % 3
-    out[count] = (a[i], b[i], b[j], b[m])
-    if diagonal[j]:
-        out[count + 1] = (a[i], a[j], a[m], b[m])
-        out[count + 2] = (a[i], a[j], b[m], b[j])
-    else:
-        out[count + 1] = (a[i], a[j], a[m], b[j])
-        out[count + 2] = (a[i], a[m], b[m], b[j])
-    return count + 3
-
-
-@njit(cache=True)
-def _fill_one(node, cut, s, coordinates, out, count):  # type: ignore[no-untyped-def]
-    """Write the stencil of one lattice tetrahedron.
-
-    Args:
-        node: Lattice rows of the four corners.
-        cut: Rows of the cut nodes on the six edges, as a (4, 4) table.
-        s: Signs of the corners.
-        coordinates: Lattice coordinates.
-        out: Tetrahedra so far, as tuples of rows. Modified in place.
-        count: How many there are.
-    """
-    inside, outside, surface = np.empty(4, np.int64), np.empty(4, np.int64), np.int64(-1)
-    n_in, n_out = 0, 0
-    for corner in range(4):
-        if s[corner] > 0:
-            inside[n_in] = corner
-            n_in += 1
-        elif s[corner] < 0:
-            outside[n_out] = corner
-            n_out += 1
-        else:
-            surface = corner
-    if n_in == 0:
-        return count
-    i0, i1, o0, o1 = inside[0], inside[1], outside[0], outside[1]
-    if n_out == 0:
-        out[count] = (node[0], node[1], node[2], node[3])
-        return count + 1
-    if n_in == 1:
-        corners = node.copy()
-        for k in range(n_out):
-            corners[outside[k]] = cut[i0, outside[k]]
-        out[count] = (corners[0], corners[1], corners[2], corners[3])
-        return count + 1
-    first = _diagonal_from_first(node[i0], node[i1], node[o0], coordinates)
-    if n_in == 2 and n_out == 1:
-        apex = node[surface]
-        if first:
-            out[count] = (node[i0], node[i1], cut[i1, o0], apex)
-            out[count + 1] = (node[i0], cut[i1, o0], cut[i0, o0], apex)
-        else:
-            out[count] = (node[i0], node[i1], cut[i0, o0], apex)
-            out[count + 1] = (node[i1], cut[i1, o0], cut[i0, o0], apex)
-        return count + 2
-    if n_in == 3:
-        i2 = inside[2]
-        a = (node[i0], node[i1], node[i2])
-        b = (cut[i0, o0], cut[i1, o0], cut[i2, o0])
-        second = _diagonal_from_first(node[i1], node[i2], node[o0], coordinates)
-        third = _diagonal_from_first(node[i2], node[i0], node[o0], coordinates)
-        return _emit_prism(a, b, (first, second, third), out, count)
-    # Two inside, two outside: the prism's third side is on the surface and its diagonal is free.
-    other = _diagonal_from_first(node[i0], node[i1], node[o1], coordinates)
-    a = (cut[i0, o0], node[i0], cut[i0, o1])
-    b = (cut[i1, o0], node[i1], cut[i1, o1])
-    return _emit_prism(a, b, (not first, other, first), out, count)
-
-
-@njit(cache=True)
-def _fill_all(coordinates, neighbours, cuts, sign, corner_directions, directions, out):  # type: ignore[no-untyped-def]
-    """Fill every lattice tetrahedron, returning how many tetrahedra were written to `out`."""
-    count = 0
-    node, s = np.empty(4, np.int64), np.empty(4, np.int8)
-    cut = np.empty((4, 4), np.int64)
-    for even in range(len(sign)):
-        if coordinates[even, 0] & 1:
-            continue
-        for kind in range(len(directions)):
-            node[0] = even
-            complete = True
-            for corner in range(1, 4):
-                node[corner] = neighbours[even, corner_directions[kind, corner]]
-                complete &= node[corner] >= 0
-            if not complete:
-                continue
-            for corner in range(4):
-                s[corner] = sign[node[corner]]
-            if s.max() <= 0:
-                continue
-            for a in range(4):
-                for b in range(4):
-                    if a != b:
-                        cut[a, b] = cuts[node[a], directions[kind, a, b]]
-            count = _fill_one(node, cut, s, coordinates, out, count)
-    return count
-
-
-def _fill(
-    coordinates: NDArray[np.int64],
-    neighbours: NDArray[np.int64],
-    cuts: NDArray[np.int64],
-    sign: NDArray[np.int8],
-) -> NDArray[np.int64]:
-    """Replace each lattice tetrahedron that holds tissue by its stencil."""
-    # 24 lattice tetrahedra meet at a node, at most three elements come of each.
-    out = np.empty((72 * int(np.sum(sign > 0)), 4), dtype=np.int64)
-    corner_directions = TETRAHEDRON_DIRECTIONS[:, 0, :]
-    count = _fill_all(
-        coordinates, neighbours, cuts, sign, corner_directions, TETRAHEDRON_DIRECTIONS, out
-    )
-    return out[:count]
 
 
 def _keep_used(
