@@ -25,8 +25,13 @@ PYTHONPATH=$(tissue_join "lib/python3*/site-packages")
 export PYTHONPATH
 AMENT_PREFIX_PATH=$(tissue_join ""):$tissue_venv
 export AMENT_PREFIX_PATH
-# The message libraries are opened by name. Everything else is found through run paths.
-export LD_LIBRARY_PATH=$tissue_root/install/tissue_interfaces/lib
+# The ROS wheels would set the library path themselves, by starting every Python process a second
+# time; the second variable tells them that it is done.
+LD_LIBRARY_PATH=$tissue_root/install/tissue_interfaces/lib:$tissue_venv/lib
+for tissue_folder in "$tissue_venv"/lib/python3*/site-packages/ros_*.libs; do
+  LD_LIBRARY_PATH=$LD_LIBRARY_PATH:$tissue_folder
+done
+export LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 
 # Nothing leaves this machine unless the user chose a discovery variable.
 if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}${ROS_STATIC_PEERS:-}${ROS_LOCALHOST_ONLY:-}${ROS_DISCOVERY_SERVER:-}" ]; then

@@ -14,9 +14,9 @@ def manifest(tag: str) -> str:
     return MANIFEST.findtext(tag, "").strip()
 
 
-def files(folder: Path, pattern: str) -> list[str]:
-    """The files to install from a folder that need not exist."""
-    return sorted(str(path) for path in folder.glob(pattern) if path.is_file())
+def files(folder: str, pattern: str) -> list[str]:
+    """The files to install from a folder that need not exist, relative to this one."""
+    return sorted(f"{folder}/{path.name}" for path in (PACKAGE_ROOT / folder).glob(pattern))
 
 
 PACKAGE = manifest("name")
@@ -34,7 +34,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
-        (f"{SHARE}/launch", files(PACKAGE_ROOT / "launch", "*.launch.py")),
+        (f"{SHARE}/launch", files("launch", "*.launch.py")),
     ],
     install_requires=["setuptools"],
     zip_safe=False,

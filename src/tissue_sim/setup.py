@@ -14,9 +14,9 @@ def manifest(tag: str) -> str:
     return MANIFEST.findtext(tag, "").strip()
 
 
-def files(folder: Path, pattern: str) -> list[str]:
-    """The files to install from a folder that need not exist."""
-    return sorted(str(path) for path in folder.glob(pattern) if path.is_file())
+def files(folder: str, pattern: str) -> list[str]:
+    """The files to install from a folder that need not exist, relative to this one."""
+    return sorted(f"{folder}/{path.name}" for path in (PACKAGE_ROOT / folder).glob(pattern))
 
 
 PACKAGE = manifest("name")
@@ -34,9 +34,9 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
-        (f"{SHARE}/launch", files(PACKAGE_ROOT / "launch", "*.launch.py")),
-        # The scenes lie at the root of the repository and are found at run time in share/.
-        (f"{SHARE}/config", files(PACKAGE_ROOT.parents[1] / "config", "*.yaml")),
+        (f"{SHARE}/launch", files("launch", "*.launch.py")),
+        # config is a link to the scenes at the root of the repository.
+        (f"{SHARE}/config", files("config", "*.yaml")),
     ],
     install_requires=["setuptools"],
     zip_safe=False,
