@@ -1,0 +1,134 @@
+"""The organ's surface as it is drawn: the outside, and the faces that cuts have laid open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.faces import LOCAL_FACES
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.surface import boundary_triangles, vertex_normals
+
+# Linear mixtures of these are drawn: muscle, and the same tissue freshly cut.
+OUTSIDE = np.array([176, 62, 56], dtype=np.float64)
+INSIDE = np.array([224, 104, 96], dtype=np.float64)
+TINTS = np.array(
+    [[0, 0, 0], [26, 34, 26], [-26, -10, 6], [20, -14, -8], [-18, 22, 20], [34, 16, -10],
+     [4, -22, 18], [-34, -18, -14]],
+    dtype=np.float64,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SurfacePart:
+    """Triangles with vertices of their own, so that an edge between parts stays sharp.
+
+    Attributes:
+        nodes: Node row of each vertex, shape (vertex_count,).
+        triangles: Vertices of each triangle, outward by the right hand, shape (triangle_count, 3).
+        colors: Red, green, blue of each vertex, shape (vertex_count, 3).
+    """
+
+    nodes: NDArray[np.int32]
+    triangles: NDArray[np.int32]
+    colors: NDArray[np.uint8]
+
+    def vertices(self, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Vertex positions [m], shape (vertex_count, 3), from those of the nodes."""
+        return positions[self.nodes]
+
+    def normals(self, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Unit vertex normals, shape (vertex_count, 3)."""
+        normals = np.empty(vertices.shape, dtype=np.float32)
+        vertex_normals(vertices, self.triangles, normals)
+        return normals
+
+
+@dataclass(frozen=True)
+class OrganSurface:
+    """The surface at one version.
+
+    Attributes:
+        version: Of the topology.
+        outside: What was surface before any cut.
+        inside: What cuts have laid open.
+    """
+
+    version: int
+    outside: SurfacePart
+    inside: SurfacePart
+
+
+def original_nodes(mesh: Mesh) -> NDArray[np.int64]:
+    """The node row each node was copied from in the beginning, shape (node_rows,)."""
+    roots = mesh.node_parents[: mesh.node_rows].astype(np.int64)
+    while True:
+        further = roots[roots]
+        if np.array_equal(further, roots):
+            return roots
+        roots = further
+
+
+def laid_open(mesh: Mesh, triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which boundary triangles were inside the organ before it was cut, shape (triangle_count,).
+
+    A face that was split is there twice, once for each lip; one whose neighbour was removed is a
+    face of the removed element. Both are seen from the mesh alone, so late joiners see them too.
+    """
+    roots = original_nodes(mesh)
+    keys = _keys(roots[triangles], mesh.node_rows)
+    _, places, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    opened: NDArray[np.bool_] = counts[places] > 1
+    removed = np.flatnonzero(~mesh.element_alive[: mesh.element_rows])
+    if len(removed):
+        faces = mesh.tets[removed][:, LOCAL_FACES].reshape(-1, 3)
+        faces = faces[(faces >= 0).all(axis=1)]
+        opened |= np.isin(keys, _keys(roots[faces], mesh.node_rows))
+    return opened
+
+
+def _keys(triples: NDArray[np.int64], nodes: int) -> NDArray[np.uint64]:
+    # One number per unordered triple; beyond two million nodes it wraps and is a good hash.
+    low, middle, high = np.sort(triples, axis=1).astype(np.uint64).T
+    count = np.uint64(nodes)
+    keys: NDArray[np.uint64] = (low * count + middle) * count + high
+    return keys
+
+
+def surface_of(mesh: Mesh) -> OrganSurface:
+    """The surface of a mesh as it is now."""
+    rows = mesh.element_rows
+    triangles, elements = boundary_triangles(
+        mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
+    )
+    opened = laid_open(mesh, triangles)
+    labels = np.unique(mesh.regions[:rows])
+    tints = TINTS[np.searchsorted(labels, mesh.regions[elements]) % len(TINTS)]
+    return OrganSurface(
+        mesh.version,
+        _part(triangles[~opened], tints[~opened], OUTSIDE),
+        _part(triangles[opened], 0.4 * tints[opened], INSIDE),
+    )
+
+
+def _part(
+    triangles: NDArray[np.int32], tints: NDArray[np.float64], base: NDArray[np.float64]
+) -> SurfacePart:
+    nodes, local = np.unique(triangles, return_inverse=True)
+    local = local.reshape(-1, 3)
+    count = len(nodes)
+    share = np.bincount(local.ravel(), minlength=count)
+    mean = (
+        np.stack(
+            [
+                np.bincount(local.ravel(), np.repeat(tints[:, axis], 3), minlength=count)
+                for axis in range(3)
+            ],
+            axis=1,
+        )
+        / np.maximum(share, 1)[:, None]
+    )
+    colors = np.clip(base + mean, 0, 255).astype(np.uint8)
+    return SurfacePart(nodes.astype(np.int32), local.astype(np.int32), colors)

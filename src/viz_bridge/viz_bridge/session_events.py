@@ -1,0 +1,90 @@
+"""What happened in a session, in words, from its journal."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from viz_bridge.cdr import Message
+
+Level = Literal["INFO", "WARN", "ERROR"]
+
+
+@dataclass(frozen=True)
+class SessionEvent:
+    """One thing that happened.
+
+    Attributes:
+        stamp: When [ns since 1970].
+        sim_time: When in the session [s].
+        frame: In which frame.
+        kind: press, release, cut, or the kind of a command.
+        text: In words.
+        tool: The tool it is about; empty for none.
+        level: How much it matters.
+    """
+
+    stamp: int
+    sim_time: float
+    frame: int
+    kind: str
+    text: str
+    tool: str = ""
+    level: Level = "INFO"
+
+
+def nanoseconds(stamp: Message) -> int:
+    """A time message in nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def journal_events(entry: Message, tool_kinds: dict[str, str]) -> list[SessionEvent]:
+    """What one frame of the journal says happened.
+
+    Args:
+        entry: A Journal message.
+        tool_kinds: "grab" or "cut" by tool.
+    """
+    stamp, time, frame = nanoseconds(entry.header.stamp), float(entry.sim_time), int(entry.frame)
+    events = [
+        SessionEvent(stamp, time, frame, command.kind, _command_in_words(command))
+        for command in entry.commands
+    ]
+    events += [
+        SessionEvent(stamp, time, frame, "cut", _edit_in_words(edit)) for edit in entry.edits
+    ]
+    for tool in entry.tools:
+        if tool.edge:
+            kind = "press" if tool.edge > 0 else "release"
+            text = _edge_in_words(tool.id, tool_kinds.get(tool.id, ""), tool.edge > 0)
+            events.append(SessionEvent(stamp, time, frame, kind, text, tool.id))
+    return events
+
+
+def _edge_in_words(tool: str, kind: str, pressed: bool) -> str:
+    if kind == "grab":
+        return f"{tool} grabs" if pressed else f"{tool} lets go"
+    if kind == "cut":
+        return f"{tool} cuts" if pressed else f"{tool} is withdrawn"
+    return f"{tool} is pressed" if pressed else f"{tool} is released"
+
+
+def _edit_in_words(edit: Message) -> str:
+    return (
+        f"{edit.kind}: {len(edit.copied_nodes)} nodes added, "
+        f"{len(edit.rewritten_elements)} tetrahedra changed (version {edit.version})"
+    )
+
+
+def _command_in_words(command: Message) -> str:
+    try:
+        arguments: Any = json.loads(command.arguments or "{}")
+    except json.JSONDecodeError:
+        arguments = {}
+    if not isinstance(arguments, dict):
+        arguments = {}
+    # A start carries a whole scene: only what fits on a line is told.
+    short = {k: v for k, v in arguments.items() if isinstance(v, (str, int, float)) and v != ""}
+    words = ", ".join(f"{key} {value}" for key, value in list(short.items())[:5])
+    return f"{command.kind}: {words}" if words else str(command.kind)
