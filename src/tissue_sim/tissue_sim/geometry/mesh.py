@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import PROVISIONAL, EditChange, EditError, StaleEditError, TopologyEdit
-from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.incidence import Incidence, sorted_unique
 from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 
@@ -136,17 +136,17 @@ class Mesh:
         self._reserve(len(nodes.rows), len(added.rows))
 
         elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
-        if len(np.unique(elements)) != len(elements):
+        if len(sorted_unique(elements)) != len(elements):
             raise EditError("an element is rewritten or removed twice in one edit")
         old = self.tets[elements].copy()
         new = np.concatenate([rewritten_to, np.full((len(removed), 4), NO_ROW), added_to])
         new = new.astype(np.int32)
         old_moved_rest = self.rest[moved].copy()
-        neighbours = self._elements_at(moved)
+        neighbours = self.incident.of_all(moved)
 
         self.rest[moved] = edit.moved_rest
         self.rest[nodes.rows] = self.rest[parents]
-        affected = np.setdiff1d(neighbours, elements)
+        affected = neighbours[~np.isin(neighbours, elements, kind="sort")]
         try:
             self._refuse_flat(np.concatenate([self.tets[affected], new[new[:, 0] != NO_ROW]]))
         except EditError:
@@ -158,7 +158,7 @@ class Mesh:
         self._enter_elements(added.rows, born_of, removed)
         self._rewire(elements, old, new)
         touched = np.concatenate([old.ravel(), new.ravel(), self.tets[neighbours].ravel(), moved])
-        touched = np.unique(touched[touched != NO_ROW]).astype(np.int32)
+        touched = sorted_unique(touched[touched != NO_ROW])
         self.node_versions[touched] = self.version
         self.element_versions[elements] = self.version
         self.element_versions[neighbours] = self.version
@@ -235,11 +235,6 @@ class Mesh:
         if bad.any():
             raise EditError(f"{int(bad.sum())} elements would have no positive rest volume")
 
-    def _elements_at(self, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
-        if not len(nodes):
-            return np.empty(0, dtype=np.int32)
-        return np.unique(np.concatenate([self.incident.of(int(n)) for n in nodes]))
-
     def _reserve(self, nodes: int, elements: int) -> None:
         def longer(array, rows: int, fill):  # type: ignore[no-untyped-def]
             extra = np.full((rows - len(array), *array.shape[1:]), fill, dtype=array.dtype)
@@ -282,15 +277,7 @@ class Mesh:
     def _rewire(
         self, elements: NDArray[np.int32], old: NDArray[np.int32], new: NDArray[np.int32]
     ) -> None:
-        for element, before, after in zip(
-            elements.tolist(), old.tolist(), new.tolist(), strict=True
-        ):
-            for node in before:
-                if node != NO_ROW and node not in after:
-                    self.incident.remove(node, element)
-            for node in after:
-                if node != NO_ROW and node not in before:
-                    self.incident.add(node, element)
+        self.incident.rewire(elements, old, new)
         kept = new[:, 0] != NO_ROW
         self.tets[elements[kept]] = new[kept]
 
