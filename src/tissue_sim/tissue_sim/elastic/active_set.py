@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
-from tissue_sim.kernels import orderings
 from tissue_sim.kernels.orderings import UNREACHED
 from tissue_sim.kernels.springs import largest_force, sweep_nodes
 
@@ -30,13 +30,12 @@ class ActiveSet:
     - nodes within the cut-off level of an edit: a cut must open wherever it is.
 
     When nothing is held the order stays what it was, and before the last lingering nodes are let go
-    the whole organ is
-    looked at: what is out of equilibrium lingers again.
+    the whole organ is looked at: if anything is out of equilibrium, what is displaced lingers on.
 
     Attributes:
         ordering: Order of the nodes, breadth-first from the held ones.
         end: The region is ordering.nodes[:end].
-        lingering: Nodes still coming to rest; valid in [0, lingering_count).
+        lingering: Nodes still coming to rest.
     """
 
     def __init__(
@@ -45,6 +44,7 @@ class ActiveSet:
         levels: int,
         rest_tolerance: float,
         keep_until_rest: bool = True,
+        momentum: float = 0.0,
         alone: bool = True,
     ) -> None:
         """Start with nothing active.
@@ -55,70 +55,54 @@ class ActiveSet:
             rest_tolerance: Largest move in one sweep [m] that counts as rest.
             keep_until_rest: Whether nodes linger at all; without it, the fault of stuck nodes can
                 be seen.
+            momentum: Share of its last move that a lingering node repeats in the next sweep.
             alone: Whether nothing else moves the nodes outside the region. Then all that is
-                displaced when the first holds are told (by the model before this one) lingers as
-                well.
+                displaced when the first holds are told (by the model before this one) lingers too.
         """
         self.springs = springs
         self.levels, self.keep_until_rest, self.alone = levels, keep_until_rest, alone
         self._tolerance = rest_tolerance**2
         self.ordering = NodeOrdering(springs)
-        self.end = self.lingering_count = 0
+        self.lingering = Lingering(springs, momentum, joins=not alone)
+        self.end = 0
+        self._near = NodeOrdering(springs)
         self._held = np.empty(0, dtype=np.int32)
         self._has_ordering = self._was_told = False
-        self._allocate(springs.mesh.node_capacity)
-
-    def _allocate(self, capacity: int) -> None:
-        self.lingering = np.zeros(capacity, dtype=np.uint32)
-        self._lingers = np.zeros(capacity, dtype=np.bool_)
-        self._mark = np.zeros(capacity, dtype=np.bool_)
-        self._near = NodeOrdering(self.springs)
 
     @property
     def count(self) -> int:
         """Nodes that the next sweep visits."""
-        return self.end + self.lingering_count
+        return self.end + self.lingering.count
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order the nodes anew from the held ones and let the others come to rest."""
         self._match_capacity()
-        linger = self._lingers.copy()
-        linger[self.ordering.nodes[: self.end]] = True
+        self.lingering.member[self.ordering.nodes[: self.end]] = True
         released = np.setdiff1d(self._held, held)
         self._held = held.astype(np.int32)
         if len(held) or not self._has_ordering:
             self.ordering.search(self._held, state.prescribed)
             self._has_ordering = bool(len(held))
         self.end = self.ordering.end_of(self.levels) if len(held) else 0
-        linger |= self._left_behind(state, released)
-        linger &= self.springs.mesh.node_alive & ~state.prescribed
-        linger[self.ordering.nodes[: self.end]] = False
-        self._let_linger(linger)
+        self._find_elsewhere(state, released)
+        self._was_told = True
+        if self.keep_until_rest:
+            self.lingering.choose(state, self.ordering, self.end, displaced=True)
+        else:
+            self.lingering.clear()
 
-    def _left_behind(self, state: State, released: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Displaced nodes no hold reaches, or closer to a released one, shape (node_capacity,)."""
-        mesh = self.springs.mesh
-        orderings.mark_displaced(
-            mesh.node_rows, state.displacement, state.prescribed, mesh.node_alive, self._mark
-        )
-        first, self._was_told = not self._was_told, True
-        if not len(self._held) or (first and self.alone):
-            return self._mark
+    def _find_elsewhere(self, state: State, released: NDArray[np.int32]) -> None:
+        """Find the nodes that no hold reaches, or that lie closer to a released node."""
+        elsewhere = self.lingering.elsewhere
+        if not len(self._held) or (self.alone and not self._was_told):
+            elsewhere[:] = True
+            return
         level = self.ordering.level
-        elsewhere = level == UNREACHED
+        elsewhere[:] = level == UNREACHED
         released = released[~state.prescribed[released]]
         if len(released):
             self._near.search(released, state.prescribed)
             elsewhere |= (self._near.level != UNREACHED) & (self._near.level < level)
-        return self._mark & elsewhere
-
-    def _let_linger(self, wanted: NDArray[np.bool_]) -> None:
-        if not self.keep_until_rest:
-            wanted[:] = False
-        self._lingers[:] = wanted
-        self.lingering_count = orderings.pick(
-            self.ordering.nodes, self.ordering.used, self._lingers, self.lingering
-        )
 
     def sweep(self, state: State, step: np.floating, threshold: float = 0.0) -> None:
         """One Gauss-Seidel sweep over the active nodes. Modifies the state in place.
@@ -129,51 +113,44 @@ class ActiveSet:
             threshold: Stop behind the first level none of whose nodes moved farther [m]; 0: go on
                 to the cut-off.
         """
-        springs = self.springs
         if threshold > 0.0:
             self._sweep_levels(state, step, threshold)
         elif self.end:
-            sweep_nodes(
-                self.ordering.nodes, 0, self.end, springs.arrays, state.prescribed, step,
-                springs.tiny, state.displacement,
-            )  # fmt: skip
-        if self.lingering_count:
-            moved = sweep_nodes(
-                self.lingering, 0, self.lingering_count, springs.arrays, state.prescribed, step,
-                springs.tiny, state.displacement,
-            )  # fmt: skip
+            self._sweep_part(state, step, 0, self.end)
+        if self.lingering.count:
+            moved = self.lingering.sweep(state, self.ordering, self.end, step)
             if moved <= self._tolerance:
                 self._come_to_rest(state)
+
+    def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
+        return float(
+            sweep_nodes(
+                self.ordering.nodes, begin, end, self.springs.arrays, state.prescribed, step,
+                self.springs.tiny, state.displacement,
+            )
+        )  # fmt: skip
 
     def _sweep_levels(self, state: State, step: np.floating, threshold: float) -> None:
         begin = 0
         for level in range(min(self.levels + 1, self.ordering.levels) if self.end else 0):
             end = self.ordering.end_of(level)
-            moved = sweep_nodes(
-                self.ordering.nodes, begin, end, self.springs.arrays, state.prescribed, step,
-                self.springs.tiny, state.displacement,
-            )  # fmt: skip
+            moved = self._sweep_part(state, step, begin, end)
             begin = end
             if level > 0 and moved <= threshold**2:
                 break
 
     def _come_to_rest(self, state: State) -> None:
-        self._lingers[:] = False
-        self.lingering_count = 0
+        self.lingering.clear()
         if self.end:
             return
         _, step = self._largest(state, self.ordering.nodes, self.ordering.used)
         if step > self._tolerance:
-            mesh = self.springs.mesh
-            orderings.mark_displaced(
-                mesh.node_rows, state.displacement, state.prescribed, mesh.node_alive, self._mark
-            )
-            self._let_linger(self._mark)
+            self.lingering.choose(state, self.ordering, 0, displaced=True)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free active node [N]."""
         region, _ = self._largest(state, self.ordering.nodes, self.end)
-        rest, _ = self._largest(state, self.lingering, self.lingering_count)
+        rest, _ = self._largest(state, self.lingering.nodes, self.lingering.count)
         return math.sqrt(max(region, rest))
 
     def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
@@ -187,25 +164,17 @@ class ActiveSet:
         """Follow an edit: copies join their parents, and what lies near it lingers."""
         self._match_capacity()
         self.ordering.follow(change)
-        if self._has_ordering and len(self._held):
+        self.lingering.elsewhere[change.copied_nodes] = self.lingering.elsewhere[
+            change.copy_parents
+        ]
+        if len(self._held):
             self.end = self.ordering.end_of(self.levels)
-        if not self.keep_until_rest:
-            return
-        near = self._near_nodes(change.nodes, state.prescribed)
-        self._lingers[near] = True
-        self._lingers[self.ordering.nodes[: self.end]] = False
-        self._lingers &= ~state.prescribed
-        self._let_linger(self._lingers)
-
-    def _near_nodes(
-        self, nodes: NDArray[np.int32], prescribed: NDArray[np.bool_]
-    ) -> NDArray[np.uint32]:
-        self._near.search(nodes, prescribed, self.levels)
-        return self._near.nodes[: self._near.end_of(self.levels)]
+        if self.keep_until_rest:
+            self._near.search(change.nodes, state.prescribed, self.levels)
+            self.lingering.member[self._near.nodes[: self._near.used]] = True
+            self.lingering.choose(state, self.ordering, self.end, displaced=False)
 
     def _match_capacity(self) -> None:
-        extra = self.springs.mesh.node_capacity - len(self._lingers)
+        extra = self.springs.mesh.node_capacity - len(self.lingering.member)
         if extra > 0:
-            lingers = np.concatenate([self._lingers, np.zeros(extra, dtype=np.bool_)])
-            self._allocate(self.springs.mesh.node_capacity)
-            self._lingers = lingers
+            self.lingering.grow(extra)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.active_set import ActiveSet
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
-from tissue_sim.elastic.quasi_static import KEEP_UNTIL_REST, REST_TOLERANCE, STEP
+from tissue_sim.elastic.quasi_static import KEEP_UNTIL_REST, RELEASE_MOMENTUM, REST_TOLERANCE, STEP
 from tissue_sim.elastic.relaxation import FULL_EXCESS, PASSES, RelaxationPass, linear_factor
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
@@ -35,11 +35,13 @@ class LocalRelaxation(SpringModel):
             f"breadth-first levels around the held nodes that are elastic; {WHOLE_ORGAN}: all",
             integer=True,
         ),
-        linear_factor(0.05),
+        Parameter("sweeps", 1, 1, 100, "", "quasi-static sweeps in a step", integer=True),
+        linear_factor(0.1),
         PASSES,
         FULL_EXCESS,
         REST_TOLERANCE,
         KEEP_UNTIL_REST,
+        RELEASE_MOMENTUM,
     )  # fmt: skip
 
     def __init__(
@@ -52,14 +54,16 @@ class LocalRelaxation(SpringModel):
         super().__init__(mesh, material, parameters, springs)
         self.active = ActiveSet(
             self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
-            bool(self.values["keep_until_rest"]), alone=False,
+            bool(self.values["keep_until_rest"]), self.values["release_momentum"], alone=False,
         )  # fmt: skip
         self.relaxation = RelaxationPass(self.springs, self.values)
+        self._sweeps = int(self.values["sweeps"])
         self._step = self.scalar(self.values["step"])
 
     def step(self, state: State) -> None:
-        """One sweep and one run of relaxation. Modifies the state in place."""
-        self.active.sweep(state, self._step)
+        """The sweeps and one run of relaxation. Modifies the state in place."""
+        for _ in range(self._sweeps):
+            self.active.sweep(state, self._step)
         self.relaxation.run(state)
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:

@@ -27,6 +27,11 @@ KEEP_UNTIL_REST = Parameter(
     integer=True,
 )  # fmt: skip
 
+RELEASE_MOMENTUM = Parameter(
+    "release_momentum", 0.95, 0.0, 0.98, "",
+    "share of its last move that a node coming to rest repeats: released tissue returns sooner",
+)  # fmt: skip
+
 
 class QuasiStatic(SpringModel):
     """Gauss-Seidel sweeps u_i += alpha F_i / sum_j k_ij, breadth-first from the held nodes.
@@ -49,6 +54,7 @@ class QuasiStatic(SpringModel):
         ),
         REST_TOLERANCE,
         KEEP_UNTIL_REST,
+        RELEASE_MOMENTUM,
     )  # fmt: skip
 
     def __init__(
@@ -61,7 +67,7 @@ class QuasiStatic(SpringModel):
         super().__init__(mesh, material, parameters, springs)
         self.active = ActiveSet(
             self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
-            bool(self.values["keep_until_rest"]),
+            bool(self.values["keep_until_rest"]), self.values["release_momentum"],
         )  # fmt: skip
         self._step = self.scalar(self.values["step"])
         self._threshold = self.values["threshold"]

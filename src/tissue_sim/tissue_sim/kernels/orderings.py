@@ -124,31 +124,52 @@ def order_springs(
 
 
 @njit(cache=True, nogil=True)
-def pick(
-    nodes: NDArray[np.uint32],
-    used: int,
-    wanted: NDArray[np.bool_],
-    out: NDArray[np.uint32],
-) -> int:
-    """The wanted ones of nodes[:used], in their order. Writes `out`; returns how many."""
-    n = 0
-    for place in range(used):
-        if wanted[nodes[place]]:
-            out[n] = nodes[place]
-            n += 1
-    return n
+def leave_lingering(nodes: NDArray[np.uint32], end: int, member: NDArray[np.bool_]) -> None:
+    """Nodes of the region, nodes[:end], linger no more. Modifies `member` in place."""
+    for place in range(end):
+        member[nodes[place]] = False
 
 
 @njit(cache=True, nogil=True)
-def mark_displaced(
-    rows: int,
+def pick_lingering(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
     u: NDArray[np.floating],
     prescribed: NDArray[np.bool_],
-    alive: NDArray[np.bool_],
-    out: NDArray[np.bool_],
-) -> None:
-    """Mark living free nodes displaced at all. Writes `out`, shape (node_capacity,)."""
-    out[:] = False
-    for i in range(rows):
-        moved = u[i, 0] != 0 or u[i, 1] != 0 or u[i, 2] != 0
-        out[i] = moved and alive[i] and not prescribed[i]
+    elsewhere: NDArray[np.bool_],
+    displaced: bool,
+    member: NDArray[np.bool_],
+    last_move: NDArray[np.floating],
+    out: NDArray[np.uint32],
+) -> int:
+    """Collect the free members of nodes[begin:end] in their order.
+
+    Args:
+        nodes: Nodes in order.
+        begin: First place to look at.
+        end: One past the last.
+        u: Displacements [m].
+        prescribed: Nodes that do not move.
+        elsewhere: Where displaced nodes may become members.
+        displaced: Whether they do.
+        member: Whether a node lingers; modified in place.
+        last_move: Last move of each lingering node [m]; zeroed for those that are none.
+        out: The members; written.
+
+    Returns:
+        How many there are.
+    """
+    n = 0
+    for place in range(begin, end):
+        i = nodes[place]
+        if displaced and elsewhere[i] and (u[i, 0] != 0 or u[i, 1] != 0 or u[i, 2] != 0):
+            member[i] = True
+        if prescribed[i]:
+            member[i] = False
+        if member[i]:
+            out[n] = i
+            n += 1
+        else:
+            last_move[i, 0] = last_move[i, 1] = last_move[i, 2] = 0
+    return n

@@ -129,6 +129,57 @@ def sweep_nodes(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def sweep_nodes_with_momentum(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    springs: SpringArrays,
+    prescribed: NDArray[np.bool_],
+    step: np.floating,
+    momentum: np.floating,
+    tiny: np.floating,
+    u: NDArray[np.floating],
+    last_move: NDArray[np.floating],
+) -> np.floating:
+    """A sweep as `sweep_nodes`, before which every node repeats a share of its last move.
+
+    All move before any force is computed: a node that went ahead alone would be pulled back by
+    neighbours that have yet to follow. Modifies `u` and `last_move` [m], shape (node_capacity, 3),
+    in place.
+
+    Returns:
+        Largest squared distance a node moved [m^2].
+    """
+    for place in range(begin, end):
+        i = nodes[place]
+        if prescribed[i]:
+            continue
+        for axis in range(3):
+            move = momentum * last_move[i, axis]
+            # Denormal numbers are slow.
+            last_move[i, axis] = move if move * move > tiny else tiny - tiny
+            u[i, axis] += last_move[i, axis]
+    largest = tiny - tiny
+    for place in range(begin, end):
+        i = nodes[place]
+        if prescribed[i] or springs.degree[i] == 0:
+            continue
+        F0, F1, F2, K = _pull(i, springs, u, tiny)
+        scale = step / K
+        F0, F1, F2 = F0 * scale, F1 * scale, F2 * scale
+        if tiny < F0 * F0 + F1 * F1 + F2 * F2:
+            u[i, 0] += F0
+            u[i, 1] += F1
+            u[i, 2] += F2
+            last_move[i, 0] += F0
+            last_move[i, 1] += F1
+            last_move[i, 2] += F2
+        v0, v1, v2 = last_move[i, 0], last_move[i, 1], last_move[i, 2]
+        largest = max(largest, v0 * v0 + v1 * v1 + v2 * v2)
+    return largest
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def node_forces(
     nodes: NDArray[np.int32],
     springs: SpringArrays,

@@ -1,0 +1,89 @@
+"""Nodes that have left the active set and still come to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tissue_sim.elastic.model import State
+from tissue_sim.elastic.ordering import NodeOrdering
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.kernels import orderings
+from tissue_sim.kernels.springs import sweep_nodes_with_momentum
+
+WIDEN_EVERY = 8
+"""Sweeps between two looks for nodes that something else has displaced meanwhile."""
+
+
+class Lingering:
+    """Nodes outside the region that are swept until none of them moves any more.
+
+    With momentum they return in a fraction of the sweeps: each node first repeats a share of its
+    last move (Polyak's heavy ball).
+
+    Attributes:
+        nodes: Rows in the order of the sweep; valid in [0, count), uint32.
+        count: How many linger.
+        member: Whether a node lingers, shape (node_capacity,).
+        elsewhere: Where displaced nodes may join by themselves, shape (node_capacity,).
+    """
+
+    def __init__(self, springs: SpringNetwork, momentum: float, joins: bool) -> None:
+        """Start with none.
+
+        Args:
+            springs: The network that is swept.
+            momentum: Share of its last move that a node repeats.
+            joins: Whether displaced nodes of `elsewhere` join later on.
+        """
+        self.springs, self._joins = springs, joins
+        self._momentum = springs.dtype(momentum)
+        self.count = self._sweeps = 0
+        capacity = springs.mesh.node_capacity
+        self.nodes = np.zeros(capacity, dtype=np.uint32)
+        self.member = np.zeros(capacity, dtype=np.bool_)
+        self.elsewhere = np.ones(capacity, dtype=np.bool_)
+        self._last_move = np.zeros((capacity, 3), dtype=springs.dtype)
+
+    def grow(self, extra: int) -> None:
+        """Make place for more nodes."""
+        self.nodes = np.concatenate([self.nodes, np.zeros(extra, dtype=np.uint32)])
+        self.member = np.concatenate([self.member, np.zeros(extra, dtype=np.bool_)])
+        self.elsewhere = np.concatenate([self.elsewhere, np.ones(extra, dtype=np.bool_)])
+        more = np.zeros((extra, 3), dtype=self._last_move.dtype)
+        self._last_move = np.concatenate([self._last_move, more])
+
+    def clear(self) -> None:
+        """Let all go."""
+        self.member[:] = False
+        self.count = 0
+
+    def choose(self, state: State, order: NodeOrdering, begin: int, displaced: bool) -> None:
+        """List the members behind the region, in the order of the nodes.
+
+        Args:
+            state: Displacements and prescribed nodes.
+            order: Order of the nodes.
+            begin: Place in it where the region ends.
+            displaced: Whether displaced nodes of `elsewhere` become members.
+        """
+        orderings.leave_lingering(order.nodes, begin, self.member)
+        self.count = orderings.pick_lingering(
+            order.nodes, begin, order.used, state.displacement, state.prescribed,
+            self.elsewhere, displaced, self.member, self._last_move, self.nodes,
+        )  # fmt: skip
+
+    def sweep(self, state: State, order: NodeOrdering, begin: int, step: np.floating) -> float:
+        """One sweep. Modifies the state in place.
+
+        Returns:
+            Largest squared distance that a node moved [m^2].
+        """
+        self._sweeps += 1
+        if self._joins and self._sweeps % WIDEN_EVERY == 0:
+            self.choose(state, order, begin, displaced=True)
+        return float(
+            sweep_nodes_with_momentum(
+                self.nodes, 0, self.count, self.springs.arrays, state.prescribed, step,
+                self._momentum, self.springs.tiny, state.displacement, self._last_move,
+            )
+        )  # fmt: skip
