@@ -19,7 +19,9 @@ _PLUG_HALF_THICKNESS = 0.9
 
 
 @njit(cache=True)
-def _rasterise(points, tets, solid):  # type: ignore[no-untyped-def]
+def _rasterise(
+    points: NDArray[np.float64], tets: NDArray[np.int64], solid: NDArray[np.bool_]
+) -> None:
     """Mark voxels whose centre lies in a tetrahedron; points in voxel units."""
     for t in range(len(tets)):
         p0, p1 = points[tets[t, 0]], points[tets[t, 1]]
@@ -90,7 +92,7 @@ class VoxelHeart:
         for vessel in VESSELS:
             if vessel.name not in unplugged:
                 self._plug(vessel, blocked)
-        labels, _ = ndimage.label(~blocked)
+        labels = np.asarray(ndimage.label(~blocked)[0], dtype=np.int32)
         return Pools(labels, self._lower)
 
     def _plug(self, vessel: Vessel, blocked: NDArray[np.bool_]) -> None:
@@ -99,7 +101,7 @@ class VoxelHeart:
         first = np.floor((middle - radius - 2.0 - self._lower) / VOXEL).astype(int)
         last = np.ceil((middle + radius + 2.0 - self._lower) / VOXEL).astype(int)
         box = tuple(slice(max(a, 0), b) for a, b in zip(first, last, strict=True))
-        index = np.stack(np.indices(blocked[box].shape), axis=-1) + np.maximum(first, 0)
+        index = np.moveaxis(np.indices(blocked[box].shape), 0, -1) + np.maximum(first, 0)
         offset = index * VOXEL + self._lower - middle
         along = dot(offset, vessel.end_direction)
         across = np.sqrt(dot(offset, offset) - along * along)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from support.blood_pools import VOXEL, VoxelHeart
 from support.tet_topology import (
     boundary,
@@ -15,9 +16,8 @@ from support.tet_topology import (
     is_cut_regular,
     is_manifold,
 )
-
 from tissue_sim.geometry.heart import CELL, REGIONS, heart, heart_mesh, load_heart, save_heart
-from tissue_sim.geometry.heart_anatomy import LEFT_VENTRICLE_CENTRE, VESSELS
+from tissue_sim.geometry.heart_anatomy import LEFT_VENTRICLE_CENTRE, VESSELS, Vessel
 from tissue_sim.geometry.quality import radius_ratios, signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 
@@ -107,7 +107,7 @@ def test_without_defects_there_is_no_other_hollow(intact: VoxelHeart) -> None:
 
 
 @pytest.mark.parametrize("vessel", VESSELS, ids=lambda vessel: vessel.name)
-def test_each_vessel_opens_its_own_pool_only(vessel, intact: VoxelHeart) -> None:  # type: ignore[no-untyped-def]
+def test_each_vessel_opens_its_own_pool_only(vessel: Vessel, intact: VoxelHeart) -> None:
     pools = intact.pools(unplugged=(vessel.name,))
     own, other = (LEFT, RIGHT) if vessel.side == "left" else (RIGHT, LEFT)
     assert {pools.at(CHAMBERS[name]) for name in own} == {pools.outside}

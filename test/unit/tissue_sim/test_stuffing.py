@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from support.tet_topology import (
     boundary,
     component_count,
@@ -13,7 +14,6 @@ from support.tet_topology import (
     is_cut_regular,
     is_manifold,
 )
-
 from tissue_sim.geometry.quality import radius_ratios, signed_volumes
 from tissue_sim.geometry.stuffing import Implicit, StuffedMesh, stuff
 

@@ -1,4 +1,4 @@
-"""The generated infant heart as a mesh: made from its signed distance, or loaded from the data file.
+"""The infant heart as a mesh: made from its signed distance, or loaded from the data file.
 
 Axes x anterior, y left, z superior (REP 103 for a body), metres. See docs/heart.md for the anatomy,
 its dimensions and its limits.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,9 +110,9 @@ def heart(
 
 def load_heart() -> RawMesh:
     """Load the committed heart, which `heart_mesh()` reproduces exactly."""
-    with (files("tissue_sim") / "data" / "heart.npz").open("rb") as stream:
-        with np.load(stream, allow_pickle=False) as data:
-            return _unpack(data)
+    file = files("tissue_sim") / "data" / "heart.npz"
+    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+        return _unpack(data)
 
 
 def save_heart(mesh: RawMesh, path: Path) -> None:
@@ -119,7 +120,7 @@ def save_heart(mesh: RawMesh, path: Path) -> None:
 
     Positions are stored as whole nanometres, which `heart_mesh` rounds to, so nothing is lost.
     """
-    arrays = {
+    arrays: dict[str, Any] = {
         "points_nm": np.rint(mesh.points * _NANOMETRE).astype(np.int32),
         "tetrahedra": mesh.tetrahedra.astype(np.uint16 if len(mesh.points) < 65536 else np.uint32),
         "regions": mesh.regions.astype(np.uint8),

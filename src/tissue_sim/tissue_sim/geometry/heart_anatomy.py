@@ -88,7 +88,7 @@ class Vessel:
 
     def envelope(self, points: Points) -> Distances:
         """Distance to lumen and wall together, cut flat at the open end."""
-        return self._cut_tube(points, self.line + (0.0, 0.0, 0.0, self.wall), 0.0, 1.0)
+        return self._cut_tube(points, self.line + np.array([0.0, 0.0, 0.0, self.wall]), 0.0, 1.0)
 
     def _cut_tube(
         self, points: Points, line: NDArray[np.float64], beyond: float, rounding: float

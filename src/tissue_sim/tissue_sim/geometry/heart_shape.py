@@ -2,8 +2,8 @@
 
 Blood pools are unions of ellipsoids and tubes. The tissue is what lies within a wall's thickness of
 a pool and in no pool. Where two pools come close, the one of lower rank (aorta, left
-ventricle, left atrium, then the right heart) is pushed back so that a wall remains between them; the
-septal defects are bored last.
+ventricle, left atrium, then the right heart) is pushed back so that a wall remains between them;
+the septal defects are bored last.
 """
 
 from __future__ import annotations

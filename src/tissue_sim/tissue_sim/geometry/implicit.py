@@ -67,7 +67,7 @@ def ellipsoid(
 
 
 @njit(cache=True)
-def _tube_kernel(points, line, radii, out):  # type: ignore[no-untyped-def]
+def _tube_kernel(points: Points, line: Points, radii: Distances, out: Distances) -> None:
     """Write the least distance to the cones between neighbouring line points to `out`."""
     for p in range(len(points)):
         nearest = np.inf

@@ -7,8 +7,8 @@ All dihedral angles lie between 10.7 and 164.8 degrees, whatever the shape.
 
 A node moved onto the surface can pinch tissue that is about one cell thin: two pieces would then
 meet in a node or an edge only. Such a node is moved back to its lattice place and declared inside
-(see `stuffing_pinches`), which thickens the tissue by less than half a cell, never opens a hole, and
-keeps the angle bounds because every surface point stays in its permitted range.
+(see `stuffing_pinches`), which thickens the tissue by less than half a cell, never opens a
+hole, and keeps the angle bounds because every surface point stays in its permitted range.
 
 Limitations: uniform size; parts (and gaps) thinner than about one cell are not resolved;
 sharp edges of the shape are chamfered.
@@ -97,8 +97,8 @@ def stuff(
     mended = mend_pinches(lattice.neighbours, values < 0.0, sign)
     positions[mended] = lattice.points[mended]
     cuts, cut_positions = _cut_nodes(lattice, fractions, sign, positions)
-    tetrahedra = fill(lattice.coordinates, lattice.neighbours, cuts, sign)
-    points, tetrahedra = _keep_used(np.concatenate([positions, cut_positions]), tetrahedra)
+    filled = fill(lattice.coordinates, lattice.neighbours, cuts, sign)
+    points, tetrahedra = _keep_used(np.concatenate([positions, cut_positions]), filled)
     return StuffedMesh(points, _orient(points, tetrahedra), lattice.points[mended])
 
 
