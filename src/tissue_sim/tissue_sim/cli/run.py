@@ -12,8 +12,8 @@ from tissue_sim.runner import RunOptions, run_scene
 
 HELP_SCENE = "A scene (wall, block, sphere_shell, heart), a scene file, or a mesh file."
 HELP_FIXED = (
-    "Nodes that never move: auto, none, set:NAME, box:x0,x1,y0,y1,z0,z1 [m], low:z:0.1, high:z:0.1; "
-    "several joined by +."
+    "Nodes that never move: auto, none, set:NAME, box:x0,x1,y0,y1,z0,z1 [m], low:z:0.1, "
+    "high:z:0.1; several joined by +."
 )
 
 
@@ -37,8 +37,8 @@ def run(
 ) -> None:
     """Simulate a scene or any mesh until Ctrl-C, or for some frames.
 
-    The page for the mouse is served unless --headless is given. A mesh file needs --units; without a
-    procedure, --headless grabs, pulls and cuts it where that looks sensible.
+    The page for the mouse is served unless --headless is given. A mesh file needs --units; without
+    a procedure, --headless grabs, pulls and cuts it where that looks sensible.
     """
     options = RunOptions(
         scene=scene,
