@@ -1,0 +1,76 @@
+"""Orderings against networkx-free plain searches."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from support.elastic_scenes import MATERIAL, NO_ROWS, block_mesh, split_edit, top_ball
+from tissue_sim.elastic.ordering import NodeOrdering, SpringOrdering
+from tissue_sim.elastic.springs import SpringNetwork
+
+
+def plain_levels(springs: SpringNetwork, sources: list[int], blocked: np.ndarray) -> dict[int, int]:
+    neighbours: dict[int, list[int]] = {}
+    for a, b in springs.springs.ends[: springs.rows].tolist():
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
+    level, queue = dict.fromkeys(sources, 0), deque(sources)
+    while queue:
+        node = queue.popleft()
+        for other in neighbours[node]:
+            if other not in level and not blocked[other]:
+                level[other] = level[node] + 1
+                queue.append(other)
+    return level
+
+
+def test_levels_are_distances_along_springs() -> None:
+    mesh = block_mesh(6)
+    springs = SpringNetwork(mesh, MATERIAL)
+    sources = top_ball(mesh)
+    prescribed = mesh.fixed.copy()
+    prescribed[sources] = True
+    ordering = NodeOrdering(springs)
+    ordering.search(sources, prescribed)
+    expected = plain_levels(springs, sources.tolist(), prescribed)
+    assert {int(n): int(ordering.level[n]) for n in ordering.nodes[: ordering.used]} == expected
+    levels = ordering.level[ordering.nodes[: ordering.used]]
+    assert (np.diff(levels) >= 0).all()
+    for level in range(ordering.levels):
+        assert ordering.end_of(level) == int((levels <= level).sum())
+
+
+def test_without_sources_all_free_nodes_come_by_row() -> None:
+    mesh = block_mesh(4)
+    ordering = NodeOrdering(SpringNetwork(mesh, MATERIAL))
+    ordering.search(NO_ROWS, mesh.fixed)
+    free = np.flatnonzero(mesh.node_alive & ~mesh.fixed)
+    np.testing.assert_array_equal(ordering.nodes[: ordering.used], free)
+
+
+def test_copies_follow_their_parents_and_springs_their_edit() -> None:
+    mesh = block_mesh(7)
+    springs = SpringNetwork(mesh, MATERIAL)
+    nodes, order = NodeOrdering(springs), SpringOrdering(springs)
+    sources = top_ball(mesh)
+    nodes.search(sources, mesh.fixed)
+    order.order(nodes, mesh.fixed)
+    change = mesh.apply(split_edit(mesh, 0.03, above=0.02))
+    followed = springs.follow(change)
+    nodes.follow(change)
+    order.follow(followed)
+    np.testing.assert_array_equal(
+        nodes.rank[change.copied_nodes], nodes.rank[change.copy_parents] + 1
+    )
+    levels = nodes.level[nodes.nodes[: nodes.used]]
+    assert (np.diff(levels) >= 0).all()
+    assert nodes.end_of(2) == int((levels <= 2).sum())
+    first, second = order.list.first[: order.used], order.list.second[: order.used]
+    listed = {tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)}
+    listed = {pair for pair in listed if pair[0] != pair[1]}
+    alive = springs.springs.alive[: springs.rows]
+    ends = springs.springs.ends[: springs.rows][alive]
+    free = ends[~mesh.fixed[ends].all(axis=1)]
+    assert listed == set(map(tuple, free.tolist()))
