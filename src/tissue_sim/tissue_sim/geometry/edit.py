@@ -1,7 +1,7 @@
 """Versioned changes of topology.
 
-Everything in an edit refers to permanent ids. A plan names the nodes and elements it makes by provisional ids
-(`PROVISIONAL + k`); `Mesh.apply` gives them permanent ones.
+Everything in an edit refers to permanent ids. A plan names the nodes and elements it makes by
+provisional ids (`PROVISIONAL + k`); `Mesh.apply` gives them permanent ones.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class TopologyEdit:
         moved_nodes: Ids of nodes whose rest position moves, shape (m,).
         moved_rest: Their new rest positions [m], shape (m, 3).
         moved_anchors: Ids of the nodes of the element that contains each new place, shape (m, 4).
-        moved_weights: Barycentric weights, shape (m, 4): the new current (and previous) position is the weighted
-            sum of the anchors' positions as they were before the edit.
+        moved_weights: Barycentric weights, shape (m, 4): the new current (and previous) position is
+            the weighted sum of the anchors' positions as they were before the edit.
         copied_nodes: Ids of new nodes, shape (c,).
         copy_parents: Ids of the nodes they copy, after moving, shape (c,).
         rewritten_elements: Ids of elements whose nodes change, shape (r,).
@@ -81,6 +81,34 @@ class TopologyEdit:
     request_id: str = ""
 
 
+_SHAPES = (
+    ("moved_nodes", "moved_rest", 3),
+    ("moved_nodes", "moved_anchors", 4),
+    ("moved_nodes", "moved_weights", 4),
+    ("copied_nodes", "copy_parents", 0),
+    ("rewritten_elements", "rewritten_nodes", 4),
+    ("added_elements", "added_nodes", 4),
+    ("added_elements", "added_parents", 0),
+)
+
+
+def refuse_malformed(edit: TopologyEdit) -> None:
+    """Refuse an edit that no mesh could apply.
+
+    Raises:
+        EditError: Arrays do not fit together, a node is moved twice, or a number is not finite.
+    """
+    for counted, other, width in _SHAPES:
+        wanted = (len(getattr(edit, counted)), width) if width else (len(getattr(edit, counted)),)
+        shape = np.shape(getattr(edit, other))
+        if shape != wanted:
+            raise EditError(f"{other} has shape {shape}; {counted} calls for {wanted}")
+    if not (np.isfinite(edit.moved_rest).all() and np.isfinite(edit.moved_weights).all()):
+        raise EditError("a moved node's new place or weights are not finite")
+    if len(set(edit.moved_nodes.tolist())) < len(edit.moved_nodes):
+        raise EditError("a node is moved twice in one edit")
+
+
 @dataclass(frozen=True)
 class EditChange:
     """What an applied edit touched, in rows: all that derived data needs to follow.
@@ -96,8 +124,8 @@ class EditChange:
         elements: Rows of elements rewritten, removed or added, shape (e,).
         old_elements: Node rows of those elements before, shape (e, 4); -1 where the element is new.
         new_elements: Node rows after, shape (e, 4); -1 where it was removed.
-        nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes of all
-            elements incident to a moved node included, shape (k,).
+        nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes
+            of all elements incident to a moved node included, shape (k,).
     """
 
     edit: TopologyEdit

@@ -8,4 +8,4 @@ class MeshError(ValueError):
 
 
 class MeshFileError(MeshError):
-    """A file that is not a usable mesh; the message names the file, the place in it and the reason."""
+    """A file that is not a usable mesh; the message names file, place in it and reason."""

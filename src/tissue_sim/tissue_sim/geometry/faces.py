@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LOCAL_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-"""Corners of the face opposite each corner, normals outward for a positive tetrahedron, shape (4, 3)."""
+"""Corners of the face opposite each corner, outward for a positive tetrahedron, shape (4, 3)."""
 
 
 class FacePairs(NamedTuple):
@@ -39,7 +39,7 @@ def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
         tets: Node rows, shape (element_count, 4).
     """
     nodes = np.sort(tets[:, LOCAL_FACES].reshape(-1, 3).astype(np.int64), axis=1)
-    order = np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0])) if len(nodes) else np.arange(0)
+    order = order_of_triples(nodes)
     ordered = nodes[order]
     begins = np.ones(len(order), dtype=np.bool_)
     begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
@@ -51,6 +51,14 @@ def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
         + [order[s : s + n] for s, n in zip(start[size > 2], size[size > 2], strict=True)]
     )
     return FacePairs(order[pairs], order[pairs + 1], np.sort(order[start[size == 1]]), crowded)
+
+
+def order_of_triples(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stable lexicographic order of node triples, shape (n, 3) -> (n,)."""
+    span = int(nodes.max(initial=0)) + 1
+    if span < 1 << 21:
+        return np.argsort((nodes[:, 0] * span + nodes[:, 1]) * span + nodes[:, 2], kind="stable")
+    return np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0]))
 
 
 def turns_alike(

@@ -1,7 +1,7 @@
 """Volume meshes of closed surfaces: what lies inside is filled with tetrahedra in seconds.
 
 Isosurface stuffing of the signed distance whose sign is the generalised winding number, so that
-surfaces that intersect themselves, as real segmentations do, are filled like clean ones. Walls that are
+surfaces that intersect themselves, as real segmentations do, are filled like clean ones. Walls
 thinner than an element, which the lattice could miss, are thickened to about one.
 
 Limitations: elements have one size; the report says what was thickened and compares the volumes;
@@ -198,8 +198,8 @@ def _outward(raw: RawMesh, said: list[str]) -> NDArray[np.int64]:
         count = int(bad.sum())
         if count > _OPEN * len(uses):
             raise MeshError(
-                f"{label(raw)}: the surface does not enclose a volume: {count} of {len(uses)} edges "
-                f"are {what}; {cure} first"
+                f"{label(raw)}: the surface does not enclose a volume: {count} of {len(uses)} "
+                f"edges are {what}; {cure} first"
             )
         if count:
             said.append(

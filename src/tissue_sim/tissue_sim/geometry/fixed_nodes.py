@@ -84,7 +84,9 @@ def _number(term: str, text: str) -> float:
 def _in_box(raw: RawMesh, term: str, text: str) -> NDArray[np.bool_]:
     limits = [_number(term, word) for word in text.split(",")]
     if len(limits) != 6 or not all(a <= b for a, b in zip(limits[::2], limits[1::2], strict=True)):
-        raise ValueError(f"fixed: {term!r} must be box:x0,x1,y0,y1,z0,z1 with x0 <= x1 and so on [m]")
+        raise ValueError(
+            f"fixed: {term!r} must be box:x0,x1,y0,y1,z0,z1 with x0 <= x1 and so on [m]"
+        )
     low, high = np.array(limits[::2]), np.array(limits[1::2])
     inside = ((raw.points >= low) & (raw.points <= high)).all(axis=1)
     if not inside.any():

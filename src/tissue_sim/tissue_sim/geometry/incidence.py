@@ -56,7 +56,7 @@ def _rewire(
     data: NDArray[np.int32],
     used: int,
 ) -> int:
-    """Take items out of the lists of old nodes and append them to those of new ones.
+    """Take items out of the lists of old nodes and put them into those of new ones, in order.
 
     `data` must have place for every list that outgrows its room. Returns the places used in `data`;
     -1 if an item was not in a list it should leave.
@@ -83,7 +83,11 @@ def _rewire(
                     data[used + m] = data[start[node] + m]
                 start[node] = used
                 used += room[node]
-            data[start[node] + count[node]] = items[k]
+            place = start[node] + count[node]
+            while place > start[node] and data[place - 1] > items[k]:
+                data[place] = data[place - 1]
+                place -= 1
+            data[place] = items[k]
             count[node] += 1
     return used
 
@@ -104,10 +108,11 @@ def _gather(
 
 
 class Incidence:
-    """For each node row the item rows (elements, springs) that meet there, in a stable order.
+    """For each node row the item rows (elements, springs) that meet there, ascending.
 
-    Lists keep spare room; a list that outgrows it moves to the end of `data`. The order of a list depends only on the
-    items it was built from and the changes made since, so that sweeps visit neighbours in a reproducible order.
+    Lists keep spare room; a list that outgrows it moves to the end of `data`. Because lists are
+    ascending, they depend only on what is there and not on how it came about: an edited mesh, one
+    rebuilt from a keyframe and one loaded again visit neighbours in the same order.
 
     Attributes:
         start: Where each node's list begins in `data`, shape (node_capacity,).
@@ -149,14 +154,17 @@ class Incidence:
         return self.data[begin : begin + self.count[node]]
 
     def add(self, node: int, item: int) -> None:
-        """Append an item to a node's list. Modifies the lists in place."""
+        """Put an item into a node's list. Modifies the lists in place."""
         if self.count[node] == self.room[node]:
             self._move_to_end(node)
-        self.data[self.start[node] + self.count[node]] = item
         self.count[node] += 1
+        items = self.of(node)
+        place = int(np.searchsorted(items[:-1], item))
+        items[place + 1 :] = items[place:-1].copy()
+        items[place] = item
 
     def remove(self, node: int, item: int) -> None:
-        """Take an item out of a node's list, keeping the order of the others. Modifies the lists in place.
+        """Take an item out of a node's list. Modifies the lists in place.
 
         Raises:
             KeyError: The item is not in the list.

@@ -12,7 +12,13 @@ from scipy.spatial import cKDTree
 
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.errors import MeshError
-from tissue_sim.geometry.faces import LOCAL_FACES, face_nodes, pair_faces, turns_alike
+from tissue_sim.geometry.faces import (
+    LOCAL_FACES,
+    face_nodes,
+    order_of_triples,
+    pair_faces,
+    turns_alike,
+)
 from tissue_sim.geometry.quality import longest_edges, signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 
@@ -158,9 +164,10 @@ def _drop_collapsed(raw: RawMesh, mended: list[str]) -> RawMesh:
 
 def _drop_duplicates(raw: RawMesh, mended: list[str]) -> RawMesh:
     corners = np.sort(raw.tetrahedra, axis=1)
-    _, first = np.unique(corners, axis=0, return_index=True)
-    keep = np.zeros(len(corners), dtype=np.bool_)
-    keep[first] = True
+    by_last = np.argsort(corners[:, 3], kind="stable")
+    order = by_last[order_of_triples(corners[by_last, :3])]
+    keep = np.ones(len(corners), dtype=np.bool_)
+    keep[order[1:]] = (corners[order[1:]] != corners[order[:-1]]).any(axis=1)
     if keep.all():
         return raw
     rows = np.flatnonzero(~keep)

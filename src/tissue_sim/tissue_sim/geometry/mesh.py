@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.edit import PROVISIONAL, EditChange, EditError, StaleEditError, TopologyEdit
+from tissue_sim.geometry.edit import (
+    PROVISIONAL,
+    EditChange,
+    EditError,
+    StaleEditError,
+    TopologyEdit,
+    refuse_malformed,
+)
 from tissue_sim.geometry.incidence import Incidence, sorted_unique
 from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
@@ -18,17 +27,25 @@ NO_ROW = -1
 class Mesh:
     """A tetrahedral mesh that edits change in place, with permanent ids and spare capacity.
 
-    Rows are where things lie in memory; ids are what everyone but kernels uses. A removed node or element leaves a
-    tombstone (`*_alive` false). Rows never move within a session, so Gauss-Seidel order is stable. Arrays are longer
-    than the rows in use: use [:node_rows] and [:element_rows].
+    Rows are where things lie in memory; ids are what everyone but kernels uses. A removed node or
+    element leaves a tombstone (`*_alive` false). Rows never move within a session, so Gauss-Seidel
+    order is stable. Arrays are longer than the rows in use: use [:node_rows] and [:element_rows].
 
     Attributes:
         rest: Rest positions [m], float64, shape (node_capacity, 3).
         fixed: Nodes that never move, shape (node_capacity,).
-        node_ids, node_file_ids, node_parents, node_alive, node_versions: Per node row; `node_versions` is the version
-            that last changed the node, `node_parents` the id it was copied from (its own id for an original).
+        node_ids: Permanent id of each node row, shape (node_capacity,).
+        node_file_ids: Id in the file, -1 for nodes made by edits.
+        node_parents: Id of the node it was copied from, its own for an original.
+        node_alive: Nodes that exist.
+        node_versions: Version that last changed each node.
         tets: Node rows of each element, shape (element_capacity, 4), positively oriented at rest.
-        element_ids, element_file_ids, element_alive, element_versions, regions: Per element row.
+        element_ids: Permanent id of each element row, shape (element_capacity,).
+        element_file_ids: Id in the file, -1 for elements made by edits.
+        element_alive: Elements that exist.
+        element_versions: Version that last changed each element.
+        regions: Region label of each element.
+        region_names: Names of region labels.
         incident: Element rows at each node row.
         version: Grows with every edit; 1 when built.
     """
@@ -80,6 +97,10 @@ class Mesh:
         self.incident = Incidence.build(
             self.tets[:elements], self.element_alive[:elements], node_capacity
         )
+        # Compile or load the kernels of `apply` now rather than in the frame of the first cut.
+        none = np.empty((0, 4), dtype=np.int32)
+        self.incident.rewire(none[:, 0], none, none)
+        self.incident.of_all(none[:, 0])
 
     @property
     def node_capacity(self) -> int:
@@ -92,31 +113,33 @@ class Mesh:
         return len(self.tets)
 
     def node_rows_of(self, ids: NDArray[np.uint32]) -> NDArray[np.int32]:
-        """Rows of nodes by permanent id, same shape as `ids`; -1 where no living node has the id."""
+        """Rows of nodes by permanent id, same shape as `ids`; -1 where no living node has it."""
         return self._rows_of(ids, self.node_rows, self.node_alive)
 
     def element_rows_of(self, ids: NDArray[np.uint32]) -> NDArray[np.int32]:
-        """Rows of elements by permanent id, same shape as `ids`; -1 where no living element has the id."""
+        """Rows of elements by permanent id, same shape; -1 where no living element has it."""
         return self._rows_of(ids, self.element_rows, self.element_alive)
 
     @staticmethod
-    def _rows_of(
-        ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_]
-    ) -> NDArray[np.int32]:
-        # Within a session the id of a row is the row itself: rows never move and only grow (compaction starts a new
-        # epoch). All look-ups go through here, so that this stays one decision.
+    def _rows_of(ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_]) -> NDArray[np.int32]:
+        # Within a session the id of a row is the row itself: rows never move and only grow
+        # (compaction starts a new epoch). All look-ups go through here: this stays one decision.
         candidates = np.asarray(ids, dtype=np.int64)
         known = candidates < rows
         known &= alive[np.where(known, candidates, 0)]
         return np.where(known, candidates, NO_ROW).astype(np.int32)
 
     def apply(self, edit: TopologyEdit) -> EditChange:
-        """Apply an edit in time proportional to it. Modifies the mesh in place, or nothing at all on error.
+        """Apply an edit in time proportional to it. Modifies the mesh in place.
+
+        On an error nothing at all is changed.
 
         Raises:
             StaleEditError: Something in the read set changed after the edit's base version.
-            EditError: The edit names unknown ids or would leave an element without positive rest volume.
+            EditError: The edit is malformed, names unknown ids, or would leave an element without
+                positive rest volume or a copied node without an element.
         """
+        refuse_malformed(edit)
         self._refuse_stale(edit)
         nodes = self._Names(edit.copied_nodes, self.node_rows, "node")
         added = self._Names(edit.added_elements, self.element_rows, "element")
@@ -133,6 +156,7 @@ class Mesh:
             nodes.permanent(edit.added_nodes), lambda i: self._old_or_new(i, nodes), "node"
         )
         self._refuse_fixed(moved)
+        self._refuse_loose_copies(nodes.rows, rewritten_to, added_to)
         self._reserve(len(nodes.rows), len(added.rows))
 
         elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
@@ -151,6 +175,7 @@ class Mesh:
             self._refuse_flat(np.concatenate([self.tets[affected], new[new[:, 0] != NO_ROW]]))
         except EditError:
             self.rest[moved] = old_moved_rest
+            self.rest[nodes.rows] = 0.0
             raise
 
         self.version += 1
@@ -177,7 +202,7 @@ class Mesh:
         )  # fmt: skip
 
     class _Names:
-        """Permanent rows for the ids of new things, provisional in a plan and permanent in a replica."""
+        """Permanent rows for ids of new things, provisional in a plan, permanent in a replica."""
 
         def __init__(self, ids: NDArray[np.uint32], first: int, what: str) -> None:
             self.first = first
@@ -200,7 +225,9 @@ class Mesh:
         return np.where(is_new, ids, self.node_rows_of(np.where(is_new, 0, ids))).astype(np.int32)
 
     @staticmethod
-    def _known(ids, rows_of, what: str) -> NDArray[np.int32]:  # type: ignore[no-untyped-def]
+    def _known(
+        ids: NDArray[np.integer], rows_of: Callable[..., NDArray[np.int32]], what: str
+    ) -> NDArray[np.int32]:
         rows = rows_of(ids)
         if (rows == NO_ROW).any():
             missing = np.unique(np.asarray(ids)[rows == NO_ROW])[:5]
@@ -229,6 +256,17 @@ class Mesh:
             ids = self.node_ids[moved[self.fixed[moved]]][:5]
             raise EditError(f"fixed nodes cannot be moved: id {ids.tolist()}")
 
+    @staticmethod
+    def _refuse_loose_copies(
+        copies: NDArray[np.int32], rewritten: NDArray[np.int32], added: NDArray[np.int32]
+    ) -> None:
+        if not len(copies):
+            return
+        named = np.concatenate([rewritten.ravel(), added.ravel()])
+        uses = np.bincount(named[named >= copies[0]] - copies[0], minlength=len(copies))
+        if not uses.all():
+            raise EditError(f"{int((uses == 0).sum())} copied nodes would belong to no element")
+
     def _refuse_flat(self, tets: NDArray[np.int32]) -> None:
         volumes = signed_volumes(self.rest, tets)
         bad = ~(volumes > 0)
@@ -236,7 +274,7 @@ class Mesh:
             raise EditError(f"{int(bad.sum())} elements would have no positive rest volume")
 
     def _reserve(self, nodes: int, elements: int) -> None:
-        def longer(array, rows: int, fill):  # type: ignore[no-untyped-def]
+        def longer(array: NDArray[Any], rows: int, fill: float) -> NDArray[Any]:
             extra = np.full((rows - len(array), *array.shape[1:]), fill, dtype=array.dtype)
             return np.concatenate([array, extra])
 

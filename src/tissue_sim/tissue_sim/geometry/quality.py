@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def signed_volumes(
-    points: NDArray[np.float64], tets: NDArray[np.integer]
-) -> NDArray[np.float64]:
-    """Signed volumes of tetrahedra [m^3], shape (element_count,); positive for standard orientation."""
+def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Signed volumes of tetrahedra [m^3], positive if right-handed, shape (element_count,)."""
     a, b, c, d = (points[tets[:, corner]] for corner in range(4))
     return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0)
 
@@ -24,7 +22,7 @@ def longest_edges(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDA
 
 
 def radius_ratios(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Quality q = 3 x inscribed / circumscribed radius: 1 is regular, 0 flat, shape (element_count,)."""
+    """Quality q = 3 x inscribed / circumscribed radius, 1 regular, 0 flat, shape (elements,)."""
     a, b, c, d = (points[tets[:, corner]] for corner in range(4))
     u, v, w = b - a, c - a, d - a
     vw, wu, uv = np.cross(v, w), np.cross(w, u), np.cross(u, v)

@@ -28,7 +28,7 @@ class RawMesh:
         region_names: Names of region labels.
         node_sets: Named sets of node rows, for instance the nodes to fix.
         node_file_ids: Id of each node in its file, shape (node_count,); empty: its row.
-        element_file_ids: Id of each tetrahedron in its file, shape (element_count,); empty: its row.
+        element_file_ids: Id of each tetrahedron in its file, shape (element_count,); empty: row.
         name: Short name of the geometry.
         source: File or generator it came from.
     """

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from tissue_sim.geometry import formats
 from tissue_sim.geometry.check import Report, mend
+from tissue_sim.geometry.fill import fill_surface
 from tissue_sim.geometry.fixed_nodes import fixed_nodes
+from tissue_sim.geometry.heart import heart
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.renumber import renumber
@@ -21,17 +23,11 @@ __all__ = ["SHAPES", "Interaction", "SceneGeometry", "generate", "load", "sugges
 Number = int | float
 
 
-def _heart(**parameters: Number) -> RawMesh:
-    from tissue_sim.geometry import heart
-
-    return heart.heart(**parameters)
-
-
 SHAPES: dict[str, Callable[..., RawMesh]] = {
     "wall": wall,
     "block": block,
     "sphere_shell": sphere_shell,
-    "heart": _heart,
+    "heart": heart,
 }
 """Shapes that can be generated, by name."""
 
@@ -90,10 +86,9 @@ def generate(name: str, parameters: Mapping[str, Number] | None = None) -> RawMe
         raise ValueError(f"unknown shape {name!r}; allowed: {', '.join(SHAPES)}")
     shape = SHAPES[name]
     known = inspect.signature(shape).parameters
-    open_ended = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values())
     given: dict[str, Number] = {}
     for key, value in (parameters or {}).items():
-        if not open_ended and key not in known:
+        if key not in known:
             raise ValueError(f"{name} has no parameter {key!r}; allowed: {', '.join(known)}")
         given[key] = _checked_number(name, key, value, known)
     return shape(**given)
@@ -104,7 +99,7 @@ def _checked_number(
 ) -> Number:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{name}: {key} = {value!r} must be a number")
-    if key in known and isinstance(known[key].default, int):
+    if isinstance(known[key].default, int):
         if value != int(value):
             raise ValueError(f"{name}: {key} = {value} must be a whole number")
         return int(value)
@@ -124,13 +119,12 @@ def _raw(
         raise ValueError(f"{name} is a file; only shapes have parameters: {', '.join(SHAPES)}")
     if not Path(name).suffix:
         raise ValueError(
-            f"{name!r} is neither a shape ({', '.join(SHAPES)}) nor a mesh file; {formats.SUPPORTED}"
+            f"{name!r} is neither a shape ({', '.join(SHAPES)}) nor a mesh file; "
+            f"{formats.SUPPORTED}"
         )
     raw = formats.load((folder or Path()) / name, units)
     if len(raw.tetrahedra):
         return raw, ()
-    from tissue_sim.geometry.fill import fill_surface
-
     surface, surface_report = mend(raw)
     filled = fill_surface(surface, cell)
     return filled.raw, (*surface_report.mended, *surface_report.warnings, *filled.said)

@@ -33,14 +33,10 @@ def _grid(counts: tuple[int, int, int], sizes: tuple[float, float, float], name:
         corners = np.concatenate([[0], np.cumsum(step[list(order)])])
         paths.append(cells[:, None] + corners)
     tetrahedra = np.stack(paths, axis=1).reshape(-1, 4)
-    return RawMesh(
-        points=points, tetrahedra=_oriented(points, tetrahedra), name=name, source=name
-    )
+    return RawMesh(points=points, tetrahedra=_oriented(points, tetrahedra), name=name, source=name)
 
 
-def _oriented(
-    points: NDArray[np.float64], tetrahedra: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _oriented(points: NDArray[np.float64], tetrahedra: NDArray[np.int64]) -> NDArray[np.int64]:
     negative = signed_volumes(points, tetrahedra) < 0
     return np.where(negative[:, None], tetrahedra[:, [0, 1, 3, 2]], tetrahedra)
 
@@ -127,7 +123,9 @@ def sphere_shell(
     if not 1 <= subdivisions <= 7:
         raise ValueError(f"sphere_shell: subdivisions = {subdivisions}; allowed: 1 to 7")
     if layers < 2 or layers * (10 * 4**subdivisions + 2) > LARGEST:
-        raise ValueError(f"sphere_shell: layers = {layers}; allowed: from 2, {LARGEST} nodes in all")
+        raise ValueError(
+            f"sphere_shell: layers = {layers}; allowed: from 2, {LARGEST} nodes in all"
+        )
     if not 0 < thickness < radius < np.inf:
         raise ValueError(
             f"sphere_shell: radius {radius} m and thickness {thickness} m; "

@@ -14,6 +14,9 @@ from tissue_sim.geometry.surface import boundary_triangles, vertex_normals
 _PULL = 0.15
 _WANTED_NODES = 60
 _CANDIDATES = 200
+_SMOOTHING = 6
+_FAR_ENOUGH = 0.6
+"""Share of the greatest distance from the fixed nodes beyond which more is no better."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,8 @@ def suggest_interaction(mesh: Mesh) -> Interaction:
     point, outward = points[node], normals[node]
 
     wanted = min(_WANTED_NODES, max(4, int(alive.sum()) // 10))
-    distances, _ = cKDTree(points[alive]).query(point, k=wanted)
-    radius = float(distances[-1])
+    distances = np.linalg.norm(points[alive] - point, axis=1)
+    radius = float(np.partition(distances, wanted - 1)[wanted - 1])
     thickness = min(_first_hit(corners, point - 1e-4 * size * outward, -outward), 0.5 * size)
     return Interaction(
         grab_point=point,
@@ -62,7 +65,9 @@ def suggest_interaction(mesh: Mesh) -> Interaction:
         radius=radius,
         pull=_PULL * size * outward,
         tool_start=point + 0.1 * size * outward,
-        cut=_rectangle(point, outward, points[triangles].mean(axis=(0, 1)), size, radius, thickness),
+        cut=_rectangle(
+            point, outward, points[triangles].mean(axis=(0, 1)), size, radius, thickness
+        ),
         thickness=thickness,
     )
 
@@ -73,7 +78,7 @@ def _outer_node(
     triangles: NDArray[np.int32],
     fixed: NDArray[np.bool_],
 ) -> int:
-    """A surface node far from the fixed ones from which the outside can be seen."""
+    """A surface node far from the fixed ones, amid a smooth patch, which sees the outside."""
     surface = np.unique(triangles)
     surface = surface[~fixed[surface]] if not fixed[surface].all() else surface
     centre = points[surface].mean(axis=0)
@@ -84,7 +89,8 @@ def _outer_node(
     facing = np.einsum("ij,ij->i", away, normals[surface]) / np.maximum(
         np.linalg.norm(away, axis=1), 1e-12
     )
-    order = np.argsort(-(far * np.clip(facing, 0.05, 1.0)), kind="stable")
+    score = np.minimum(far, _FAR_ENOUGH * far.max()) * np.clip(facing, 0.2, 1.0)
+    order = np.argsort(-score * _flatness(normals, triangles)[surface] ** 2, kind="stable")
     corners, size = points[triangles], float(np.ptp(points, axis=0).max())
     for row in surface[order[:_CANDIDATES]].tolist():
         start = points[row] + 1e-4 * size * normals[row]
@@ -93,10 +99,21 @@ def _outer_node(
     return int(surface[order[0]])
 
 
+def _flatness(normals: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Length of the mean normal of each node's surroundings: 1 in a plane, little at rims."""
+    corners = triangles.ravel()
+    degree = np.maximum(np.bincount(corners, minlength=len(normals)), 1)
+    for _ in range(_SMOOTHING):
+        means = np.repeat(normals[triangles].mean(axis=1), 3, axis=0)
+        sums = [np.bincount(corners, weights=axis, minlength=len(normals)) for axis in means.T]
+        normals = np.stack(sums, axis=1) / degree[:, None]
+    return np.asarray(np.linalg.norm(normals, axis=1))
+
+
 def _first_hit(
     corners: NDArray[np.float64], start: NDArray[np.float64], direction: NDArray[np.float64]
 ) -> float:
-    """Distance along a ray to the first triangle, infinite if it hits none (Moeller and Trumbore)."""
+    """Distance along a ray to the first triangle, infinite if there is none (Moeller, Trumbore)."""
     a = corners[:, 0]
     u, v = corners[:, 1] - a, corners[:, 2] - a
     p = np.cross(direction, v)

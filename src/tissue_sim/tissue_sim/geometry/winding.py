@@ -5,8 +5,8 @@ closed surface, 0 outside, 2 where the surface overlaps itself, and something be
 So "above one half" is a good notion of inside even for surfaces that intersect themselves. Far
 parts of the surface are seen as dipoles, which makes it fast.
 
-Limitations: needs triangles that agree which side is out; a dipole's error of about one percent makes
-no difference except near large holes.
+Limitations: needs triangles that agree which side is out; the dipoles' errors (below 0.2) make no
+difference except near large holes.
 
 References:
     A. Jacobson, L. Kavan, O. Sorkine-Hornung, Robust inside-outside segmentation using generalized
@@ -45,7 +45,8 @@ class SurfaceTree(NamedTuple):
         high: Upper corners [m], shape (node_count, 3).
         centre: Places of the dipoles [m], shape (node_count, 3).
         dipole: Sums of area vectors [m^2], shape (node_count, 3).
-        radius: Distance from the centre to the farthest corner of a triangle [m], shape (node_count,).
+        radius: Distance from the centre to the farthest corner of a triangle [m],
+            shape (node_count,).
     """
 
     order: NDArray[np.int64]

@@ -38,8 +38,8 @@ READERS: dict[str, Callable[[Path], RawMesh]] = {
 """Reader of each suffix; coordinates stay in the file's unit."""
 
 SUPPORTED = (
-    "supported are tetrahedral meshes (TetGen .node/.ele/.face, .msh, .vtk, .vtu) and closed surfaces "
-    "(.smesh, .obj, .stl, .ply, .3ds)"
+    "supported are tetrahedral meshes (TetGen .node/.ele/.face, .msh, .vtk, .vtu) and closed "
+    "surfaces (.smesh, .obj, .stl, .ply, .3ds)"
 )
 
 _REFUSED = {

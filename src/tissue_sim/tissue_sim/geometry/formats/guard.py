@@ -26,7 +26,9 @@ def checked(raw: RawMesh, path: Path) -> RawMesh:
     """
     points = np.ascontiguousarray(raw.points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshFileError(f"{path}: nodes have shape {points.shape}; three coordinates are wanted")
+        raise MeshFileError(
+            f"{path}: nodes have shape {points.shape}; three coordinates are wanted"
+        )
     if not len(points):
         raise MeshFileError(f"{path}: there are no nodes")
     if not len(raw.tetrahedra) and not len(raw.triangles):
@@ -38,7 +40,9 @@ def checked(raw: RawMesh, path: Path) -> RawMesh:
             f"{path}: {int(bad.sum())} nodes have coordinates that are not finite or beyond "
             f"{_LARGEST:g}; the first is node {_id(raw.node_file_ids, row)}: {points[row].tolist()}"
         )
-    tetrahedra = _in_range(raw.tetrahedra, 4, len(points), raw.element_file_ids, "tetrahedron", path)
+    tetrahedra = _in_range(
+        raw.tetrahedra, 4, len(points), raw.element_file_ids, "tetrahedron", path
+    )
     none = np.empty(0, dtype=np.int64)
     triangles = _in_range(raw.triangles, 3, len(points), none, "triangle", path)
     return replace(raw, points=points, tetrahedra=tetrahedra, triangles=triangles)

@@ -49,7 +49,9 @@ class Lines:
         """
         words = self.next_or_none()
         if words is None:
-            raise MeshFileError(f"{self.path}: the file ends where {wanted} was expected (cut off?)")
+            raise MeshFileError(
+                f"{self.path}: the file ends where {wanted} was expected (cut off?)"
+            )
         return words
 
     def error(self, reason: str) -> MeshFileError:

@@ -22,7 +22,10 @@ _IGNORED_CELLS = {"vertex", "line"}
 
 
 def read_gmsh(path: Path) -> RawMesh:
-    """Read gmsh .msh 2.2 or 4.1, text or binary; named physical groups become node sets and region names."""
+    """Read gmsh .msh 2.2 or 4.1, text or binary.
+
+    Named physical groups become region names (volumes) and node sets (surfaces, lines, points).
+    """
     import meshio
 
     return _from_meshio(third_party(meshio.gmsh.read, path, "gmsh .msh"), path)
@@ -45,7 +48,9 @@ def read_vtu(path: Path) -> RawMesh:
 def _from_meshio(mesh: Any, path: Path) -> RawMesh:
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
-        raise MeshFileError(f"{path}: the mesh is flat: nodes have two coordinates, three are wanted")
+        raise MeshFileError(
+            f"{path}: the mesh is flat: nodes have two coordinates, three are wanted"
+        )
     _refuse_other_cells(mesh, path)
     tetrahedra, regions = _cells(mesh, "tetra", 4)
     triangles, _ = _cells(mesh, "triangle", 3)

@@ -1,7 +1,7 @@
 """Wavefront OBJ surfaces: vertices and faces; texture, normals and materials are of no use here.
 
-Read here rather than by a library because libraries split vertices at texture seams, skip lines they do not
-understand, and cannot name the line of an error.
+Read here rather than by a library because libraries split vertices at texture seams, skip lines
+they do not understand, and cannot name the line of an error.
 """
 
 from __future__ import annotations

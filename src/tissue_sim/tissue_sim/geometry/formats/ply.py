@@ -28,8 +28,8 @@ def read_ply(path: Path) -> RawMesh:
     # Polygons become several triangles, so there can be more of them than faces.
     if len(points) != promised["vertex"] or len(triangles) < promised["face"]:
         raise MeshFileError(
-            f"{path}: cut off: {promised['vertex']} vertices and {promised['face']} faces promised, "
-            f"{len(points)} and {len(triangles)} read"
+            f"{path}: cut off: {promised['vertex']} vertices and {promised['face']} faces "
+            f"promised, {len(points)} and {len(triangles)} read"
         )
     return RawMesh(points=points, triangles=triangles)
 

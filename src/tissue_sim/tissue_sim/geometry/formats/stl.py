@@ -31,7 +31,7 @@ def read_stl(path: Path) -> RawMesh:
 
 
 def _refuse_cut_off(path: Path) -> None:
-    """Compare what the file promises with what it holds; libraries read on and give what is there."""
+    """Compare what the file promises with what it holds; libraries take what is there."""
     content = path.read_bytes()
     size = len(content)
     facets = int.from_bytes(content[80:84], "little") if size >= _HEADER else -1
@@ -39,10 +39,12 @@ def _refuse_cut_off(path: Path) -> None:
         if not facets:
             raise MeshFileError(f"{path}: there are no facets")
         return
-    if not content[:5].lower() == b"solid" or b"facet" not in content[:2000]:
+    if content[:5].lower() != b"solid" or b"facet" not in content[:2000]:
         promised = f"{facets} facets" if facets >= 0 else "a header"
         raise MeshFileError(f"{path}: damaged or cut off: {promised} promised in {size} bytes")
     text = content.lower()
     corners, loops = text.count(b"vertex"), text.count(b"outer loop")
     if b"endsolid" not in text or corners != 3 * loops:
-        raise MeshFileError(f"{path}: cut off: {corners} corners for {loops} facets, or no endsolid")
+        raise MeshFileError(
+            f"{path}: cut off: {corners} corners for {loops} facets, or no endsolid"
+        )

@@ -1,7 +1,7 @@
 """TetGen's text files: .node, .ele and .face with a common stem, and .smesh surfaces.
 
-Numbering may start at 0 or 1, or be any distinct ids; they are kept as file ids. The node marker column becomes
-node sets `marker_N`, the element attribute becomes the region.
+Numbering may start at 0 or 1, or be any distinct ids; they are kept as file ids. The node marker
+column becomes node sets `marker_N`, the element attribute becomes the region.
 
 References:
     H. Si, TetGen user's manual, section 5 (file formats).

@@ -1,8 +1,8 @@
 """3D Studio .3ds surfaces: the chunks that hold vertices and faces.
 
-No maintained library reads them; the format is a tree of chunks (id, length) and small. Vertices are
-stored in world coordinates; materials, cameras, lights and key frames are skipped. All objects of a file
-become one surface.
+No maintained library reads them; the format is a small tree of chunks (id, length). Vertices are
+stored in world coordinates; materials, cameras, lights and key frames are skipped. All objects of
+a file become one surface.
 
 References:
     The Autodesk file format 3DS: chunk ids 4D4D main, 3D3D editor, 4000 object, 4100 triangle
