@@ -1,4 +1,4 @@
-"""Draws pictures with VTK: a process of its own, since VTK aborts where there is no graphics driver.
+"""Draws pictures with VTK, in a process of its own: VTK aborts without a graphics driver.
 
 Usage: python -m viz_bridge.picture_process FILE.npz PICTURE.png [FILE.npz PICTURE.png ...]
 """

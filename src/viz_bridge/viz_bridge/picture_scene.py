@@ -108,5 +108,5 @@ def tool_outline(tool: DrawnTool, middle: NDArray[np.float64]) -> NDArray[np.flo
         return np.stack([tool.tip, [radius, 0.0, 0.0], tool.tip + 0.09 * away])
     corners = blade_corners(tool)
     top = corners[corners[:, 2] >= corners[:, 2].max() - 1e-9].mean(axis=0)
-    local = np.concatenate([corners, [top + [0.0, 0.0, 0.06]]])
+    local = np.concatenate([corners, [top + np.array([0.0, 0.0, 0.06])]])
     return tool.tip + rotated(tool.pose[3:], local)
