@@ -82,6 +82,10 @@ class FixedRate:
         self.late += late
         return late
 
+    def before_late(self) -> float:
+        """Time left until publishing now would be late [s]."""
+        return self.deadline + 0.5 * self.period - self._clock()
+
     def slack(self) -> float:
         """Time left until the next deadline [s]."""
         return self.deadline + self.period - self._clock()
@@ -102,6 +106,14 @@ class Window:
         """Remember a value, forgetting the oldest if need be."""
         self._values[self.count % len(self._values)] = value
         self.count += 1
+
+    def extend(self, values: NDArray[np.float64]) -> None:
+        """Remember several values."""
+        length = len(self._values)
+        kept = values[-length:]
+        places = np.arange(self.count + len(values) - len(kept), self.count + len(values)) % length
+        self._values[places] = kept
+        self.count += len(values)
 
     def values(self) -> NDArray[np.float64]:
         """The values remembered, in no order, shape (n,)."""

@@ -1,4 +1,4 @@
-"""What a simulation starts with, besides the mesh; files that describe a session are in scene_file."""
+"""What a simulation starts with, besides the mesh; session files: see scene_file."""
 
 from __future__ import annotations
 

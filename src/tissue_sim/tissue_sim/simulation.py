@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import time
 import zlib
@@ -47,6 +46,7 @@ class Simulation:
 
     Attributes:
         mesh, state, model: The organ, its shape and how it deforms.
+        model_parameters: Parameters of the model that differ from its defaults.
         scene: What it started with.
         epoch: Id of the epoch, 16 bytes.
         frame: Number of the last frame; 0 before the first.
@@ -87,6 +87,7 @@ class Simulation:
         self.frame, self.sim_time, self.lost_states = 0, 0.0, 0
         self.paused = False
         self.model: Model = self.build_model(self.scene.model, {})
+        self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
         self._prepared: dict[str, tuple[int, Model]] = {}
         self._good = self.state.displacement.copy()
         self._buffers = [np.zeros((mesh.node_capacity, 3), dtype=np.float32) for _ in range(2)]
@@ -156,6 +157,7 @@ class Simulation:
         if version != self.mesh.version or model.name != name:
             model = self.build_model(name, parameters)
         self.model = model
+        self.model_parameters = {**self.scene.parameters.get(name, {}), **parameters}
         self.state.previous[:] = self.state.displacement
         self._owed = 0.0
         self.model.prescribed_changed(self.state, self.holds.rows)
@@ -239,7 +241,7 @@ class Simulation:
             f"hold {h.id} of {h.tool} is released: its nodes vanished" for h in emptied
         ]
         applied = AppliedEdit(change, plan, time.perf_counter() - started)
-        values: dict[str, Any] = {"applied": applied}
+        values: dict[str, Any] = {"applied": applied, "epoch": self.epoch}
         return applied, Answer(plan.request_id, True, f"version {self.mesh.version}", values=values)
 
     def _remember(self) -> None:
@@ -327,7 +329,3 @@ class Simulation:
     def _holds_changed(self) -> None:
         np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
         self.model.prescribed_changed(self.state, self.holds.rows)
-
-    def copy_of_mesh(self) -> Mesh:
-        """A copy of the mesh as it is now, for work outside the loop."""
-        return copy.deepcopy(self.mesh)

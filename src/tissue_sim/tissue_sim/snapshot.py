@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.mesh import Mesh, signed_volumes
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 
 FORMAT = 1

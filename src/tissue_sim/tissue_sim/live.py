@@ -1,0 +1,394 @@
+"""The simulation as it runs: what comes in at any time becomes the inputs of the next frame.
+
+Other threads post; the loop thread calls `next_frame`. There is nothing to lock: posting appends to
+a queue that the loop empties between frames.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim import snapshot
+from tissue_sim.commands import CommandError, checked_model
+from tissue_sim.elastic.model import Model
+from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, ToolSample
+from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.tools import ToolSpec
+from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
+from tissue_sim.scene import Scene
+from tissue_sim.simulation import Simulation
+
+Done = Callable[[Answer], None]
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Request:
+    """Something asked of the simulation.
+
+    Attributes:
+        kind: grab, release, set_tool, remove_tool, pause, set_model, save, load, reset or edit.
+        arguments: What it needs.
+        request_id: Set by the client.
+        done: Called with the answer, in the loop thread or a worker thread.
+    """
+
+    kind: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    request_id: str = ""
+    done: Done = lambda _answer: None
+
+
+@dataclass(frozen=True)
+class PlannedEdit:
+    """An edit and the epoch it was planned in: the arguments of an `edit` request."""
+
+    edit: TopologyEdit
+    epoch: bytes
+
+
+class _Job:
+    """Work beside the loop; its result is looked for between frames."""
+
+    def __init__(self, request: Request, work: Callable[[], Any]) -> None:
+        self.request = request
+        self.result: Any = None
+        self.error = ""
+        self._thread = threading.Thread(target=self._run, args=(work,), name=request.kind)
+        self._thread.daemon = True
+        self._thread.start()
+
+    @property
+    def over(self) -> bool:
+        return not self._thread.is_alive()
+
+    def _run(self, work: Callable[[], Any]) -> None:
+        try:
+            self.result = work()
+        except ValueError as error:
+            self.error = str(error)
+        except Exception as error:
+            # Whatever happens beside the loop must reach whoever asked, not end the loop.
+            log.exception("%s failed", self.request.kind)
+            self.error = f"{type(error).__name__}: {error}"
+
+
+class LiveSimulation:
+    """A simulation with sources of tool motion, requests and work beside the loop.
+
+    Attributes:
+        simulation: The running epoch; replaced between frames by load and reset.
+        trackers: What follows each tool's source, by tool; changed by the loop thread only.
+        budget: Time for model steps in each frame [s].
+        steps_per_frame: Model steps in each frame; 0: by time.
+        switched: Counts epochs since the start.
+        prepared: What `prepare` made of the running epoch.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        limits: ToolLimits,
+        data_dir: Path,
+        budget: float = 0.006,
+        steps_per_frame: int = 0,
+        prepare: Callable[[Simulation], Any] = lambda _simulation: None,
+    ) -> None:
+        """Start with no source and no request.
+
+        Args:
+            simulation: The first epoch.
+            limits: What sources may do.
+            data_dir: Folder of saved organs.
+            budget: Time for model steps in each frame [s].
+            steps_per_frame: Model steps in each frame; 0: by time.
+            prepare: Makes what is wanted of a new epoch before it runs, beside the loop.
+        """
+        self.simulation = simulation
+        self.budget, self.steps_per_frame = budget, steps_per_frame
+        self.switched = 0
+        self._prepare = prepare
+        self.prepared = prepare(simulation)
+        self.trackers: dict[str, ToolTracker] = {}
+        self._limits = limits
+        self._data_dir = data_dir
+        self._pristine = copy.deepcopy(simulation.mesh)
+        self._inbox: deque[Callable[[], None]] = deque()
+        self._requests: deque[Request] = deque()
+        self._edits: deque[Request] = deque()
+        self._job: _Job | None = None
+        self._saves: list[_Job] = []
+        self._ids = itertools.count(1)
+        for tool in simulation.tools.values():
+            self.trackers[tool.id] = ToolTracker(tool, limits)
+
+    # From any thread
+
+    def post(self, request: Request) -> None:
+        """Ask for something; it is answered through `request.done`."""
+        queue = self._edits if request.kind == "edit" else self._requests
+        queue.append(request)
+
+    def post_pose(self, tool: str, pose: NDArray[np.float64], stamp: int, now: float) -> None:
+        """Hand over a pose from a tool's source (see `ToolTracker.receive_pose`)."""
+        self._to(tool, lambda tracker: tracker.receive_pose(pose, stamp, now))
+
+    def post_refusal(self, tool: str, reason: str) -> None:
+        """Say that a pose could not be used."""
+        self._to(tool, lambda tracker: tracker.refuse_pose(reason))
+
+    def post_use(self, tool: str, pressed: bool) -> None:
+        """Hand over a level of `use`."""
+        self._to(tool, lambda tracker: tracker.receive_use(pressed))
+
+    def post_clutch(self, tool: str, engaged: bool) -> None:
+        """Hand over a level of the clutch."""
+        self._to(tool, lambda tracker: tracker.receive_clutch(engaged))
+
+    def post_sources(self, tool: str, names: list[str]) -> None:
+        """Say which nodes publish a tool's pose."""
+        self._to(tool, lambda tracker: tracker.set_sources(names))
+
+    def post_limits(self, limits: ToolLimits) -> None:
+        """Change what sources may do."""
+
+        def change() -> None:
+            self._limits = limits
+            for tracker in self.trackers.values():
+                tracker.limits = limits
+
+        self._inbox.append(change)
+
+    def _to(self, tool: str, action: Callable[[ToolTracker], None]) -> None:
+        def deliver() -> None:
+            if tool in self.trackers:
+                action(self.trackers[tool])
+
+        self._inbox.append(deliver)
+
+    # In the loop thread
+
+    @property
+    def busy_with(self) -> str:
+        """What is worked on beside the loop; empty: nothing."""
+        return self._job.request.kind if self._job else ""
+
+    @property
+    def loading(self) -> bool:
+        """Whether a load or a reset is under way."""
+        return self.busy_with in ("load", "reset")
+
+    def next_frame(self, now: float, at_most: float = np.inf) -> tuple[Frame, Callable[[], None]]:
+        """Advance by one frame.
+
+        Args:
+            now: Local steady time [s].
+            at_most: Time for model steps if that is less than the budget [s].
+
+        Returns:
+            The frame, and what answers its requests once it is published.
+        """
+        for _ in range(len(self._inbox)):
+            self._inbox.popleft()()
+        commands: list[Command] = []
+        answers_to: list[Request] = []
+        self._finish_jobs(commands, answers_to)
+        for _ in range(len(self._requests)):
+            self._accept(self._requests.popleft(), commands, answers_to)
+        samples = self._samples(now, commands, answers_to)
+        edits = self._planned(answers_to)
+        inputs = FrameInputs(tuple(commands), edits, samples)
+        static = self.simulation.model.time_step is None
+        steps = self.steps_per_frame if static else 0
+        budget = Budget(min(self.budget, at_most), steps or None)
+        frame = self.simulation.advance(inputs, budget)
+        if frame.tools_changed:
+            self._follow_tools()
+
+        def answer() -> None:
+            for request, result in zip(answers_to, frame.answers, strict=True):
+                request.done(result)
+
+        return frame, answer
+
+    def _samples(
+        self, now: float, commands: list[Command], answers_to: list[Request]
+    ) -> tuple[ToolSample, ...]:
+        simulation = self.simulation
+        # While time stands still what is held does not move.
+        period = 0.0 if simulation.paused else 1.0 / simulation.scene.rate_hz
+        samples = []
+        for tool, tracker in self.trackers.items():
+            holds = simulation.holds.of_tool(tool)
+            sample, let_go = tracker.sample(now, period, bool(holds))
+            samples.append(sample)
+            if let_go and holds:
+                commands.append(Command("release", {"hold_id": 0, "tool": tool}))
+                answers_to.append(Request("release"))
+        return tuple(samples)
+
+    def _planned(self, answers_to: list[Request]) -> tuple[TopologyEdit, ...]:
+        """Edits for this frame; they wait while a model is built on the mesh as it is."""
+        if self.busy_with == "set_model":
+            return ()
+        edits = []
+        for _ in range(len(self._edits)):
+            request = self._edits.popleft()
+            planned: PlannedEdit = request.arguments["planned"]
+            if self.loading:
+                _refuse(request, "BUSY", f"a {self.busy_with} is running")
+            elif planned.epoch != self.simulation.epoch:
+                _refuse(
+                    request,
+                    "STALE",
+                    f"planned in epoch {planned.epoch.hex()}; the tissue is in epoch "
+                    f"{self.simulation.epoch.hex()}",
+                )
+            else:
+                edits.append(planned.edit)
+                answers_to.append(request)
+        return tuple(edits)
+
+    def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
+        if self.loading:
+            _refuse(request, "BUSY", f"a {self.busy_with} is running")
+        elif request.kind == "save":
+            self._save(request)
+        elif request.kind in ("set_model", "load", "reset"):
+            if self._job:
+                _refuse(request, "BUSY", f"a {self.busy_with} is running")
+            else:
+                self._begin(request)
+        else:
+            commands.append(Command(request.kind, request.arguments, request.request_id))
+            answers_to.append(request)
+
+    def _begin(self, request: Request) -> None:
+        simulation, arguments = self.simulation, request.arguments
+        if request.kind == "set_model":
+            name, parameters = str(arguments["model"]), dict(arguments["parameters"])
+            try:
+                checked_model(name, parameters)
+            except CommandError as error:
+                _refuse(request, error.code, str(error))
+                return
+            self._job = _Job(request, lambda: simulation.build_model(name, parameters))
+        elif request.kind == "load":
+            try:
+                snapshot.path_of(self._data_dir, str(arguments["name"]))
+            except snapshot.SnapshotNameError as error:
+                _refuse(request, "BAD_NAME", str(error))
+                return
+            scene = self._scene()
+            self._job = _Job(request, lambda: self._loaded(str(arguments["name"]), scene))
+        else:
+            scene, pristine = self._scene(), self._pristine
+            scene = replace(scene, displacement=simulation.scene.displacement)
+            self._job = _Job(request, lambda: self._epoch(pristine, scene))
+
+    def _scene(self) -> Scene:
+        """The scene to begin anew with: the model and the tools of now."""
+        simulation = self.simulation
+        name = simulation.model.name
+        parameters = {**simulation.scene.parameters, name: simulation.model_parameters}
+        tools = tuple(
+            replace(tool, pose=tuple(simulation.poses[tool.id].tolist()))
+            for tool in simulation.tools.values()
+        )
+        return replace(simulation.scene, model=name, parameters=parameters, tools=tools)
+
+    def _loaded(self, name: str, scene: Scene) -> tuple[Simulation, Mesh, Any]:
+        saved = snapshot.load(self._data_dir, name)
+        displacement = saved.displacement if saved.displacement.any() else None
+        return self._epoch(saved.mesh(), replace(scene, displacement=displacement))
+
+    def _epoch(self, mesh: Mesh, scene: Scene) -> tuple[Simulation, Mesh, Any]:
+        """A new epoch, the mesh to reset it to, and what is prepared of it."""
+        simulation = Simulation(copy.deepcopy(mesh), scene)
+        return simulation, mesh, self._prepare(simulation)
+
+    def _save(self, request: Request) -> None:
+        name = str(request.arguments["name"])
+        try:
+            snapshot.path_of(self._data_dir, name)
+        except snapshot.SnapshotNameError as error:
+            _refuse(request, "BAD_NAME", str(error))
+            return
+        now = snapshot.take(self.simulation.mesh, self.simulation.state.displacement)
+        self._saves.append(_Job(request, lambda: snapshot.save(now, self._data_dir, name)))
+
+    def _finish_jobs(self, commands: list[Command], answers_to: list[Request]) -> None:
+        for save in [job for job in self._saves if job.over]:
+            self._saves.remove(save)
+            self._answer_job(save, f"saved as {save.result}")
+        job = self._job
+        if job is None or not job.over:
+            return
+        self._job = None
+        if job.error:
+            self._answer_job(job, "")
+        elif job.request.kind == "set_model":
+            self._offer(job.request, job.result, commands, answers_to)
+        else:
+            self._switch(job.result)
+            self._answer_job(job, f"epoch {self.simulation.epoch.hex()}")
+
+    def _offer(
+        self, request: Request, model: Model, commands: list[Command], answers_to: list[Request]
+    ) -> None:
+        key = request.request_id or f"model-{next(self._ids)}"
+        self.simulation.offer_model(key, self.simulation.mesh.version, model)
+        commands.append(Command("set_model", request.arguments, key))
+        answers_to.append(request)
+
+    @staticmethod
+    def _answer_job(job: _Job, message: str) -> None:
+        request, error = job.request, job.error
+        code = "OUT_OF_RANGE" if request.kind == "set_model" else "FAILED"
+        request.done(
+            Answer(request.request_id, not error, error or message, code if error else "NONE")
+        )
+
+    def _switch(self, epoch: tuple[Simulation, Mesh, Any]) -> None:
+        """Go on with another epoch; tools keep their sources."""
+        self.simulation, self._pristine, self.prepared = epoch
+        self.switched += 1
+        self._follow_tools()
+
+    def _follow_tools(self) -> None:
+        tools: Mapping[str, ToolSpec] = self.simulation.tools
+        for gone in [tool for tool in self.trackers if tool not in tools]:
+            del self.trackers[gone]
+        for tool in tools.values():
+            if tool.id not in self.trackers:
+                self.trackers[tool.id] = ToolTracker(tool, self._limits)
+            elif self.trackers[tool.id].spec != tool:
+                self.trackers[tool.id].change(tool)
+
+
+def _refuse(request: Request, error: str, message: str) -> None:
+    request.done(Answer(request.request_id, False, message, error))
+
+
+def mesh_for_keyframe(mesh: Mesh) -> Mesh:
+    """A copy of what a keyframe shows of a mesh; quick enough for the pause between two frames."""
+    view = copy.copy(mesh)
+    nodes, elements = mesh.node_rows, mesh.element_rows
+    for name in ("rest", "fixed", "node_ids", "node_file_ids", "node_parents", "node_alive"):
+        setattr(view, name, getattr(mesh, name)[:nodes].copy())
+    for name in ("tets", "element_ids", "element_file_ids", "element_alive", "regions"):
+        setattr(view, name, getattr(mesh, name)[:elements].copy())
+    return view

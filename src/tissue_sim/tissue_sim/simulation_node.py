@@ -1,0 +1,316 @@
+"""The node that steps the tissue: `python -m tissue_sim.simulation_node`."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import hashlib
+import sys
+import threading
+import time
+
+from builtin_interfaces.msg import Time
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from tissue_interfaces.msg import Status, Topology
+
+from tissue_sim import conversions
+from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
+from tissue_sim.elastic import registry
+from tissue_sim.frame import Frame
+from tissue_sim.geometry import scene_geometry
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.reaction import NOTHING, ForceLimiter
+from tissue_sim.interaction.tracker import ACTIVE, FREE
+from tissue_sim.live import LiveSimulation, mesh_for_keyframe
+from tissue_sim.node_main import declare, overrides, run
+from tissue_sim.realtime import FixedRate, prepare_process
+from tissue_sim.simulation import Simulation
+from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
+from tissue_sim.simulation_services import SimulationServices
+from tissue_sim.simulation_tools import ToolSources
+from tissue_sim.simulation_topics import Keyframes, SimulationTopics
+
+NODE = "tissue_sim"
+LOOK_AROUND = 1.0
+"""Time from the node's start after which another simulator would have been seen [s]."""
+
+HOUSEKEEPING = 1.0
+"""Period of diagnostics and of what the loop looks after between frames [s]."""
+
+
+class SimulationNode(Node):
+    """Messages in the executor's thread, frames in the loop thread.
+
+    Attributes:
+        exit_code: What the process ends with.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NODE)
+        started = time.perf_counter()
+        self.exit_code = 0
+        self._values = declare(self, specs(overrides(self)))
+        self._settings = Settings.of(self._values)
+        self._topics = SimulationTopics(self, self._settings.frames.organ)
+        self._keyframes = Keyframes(self._topics)
+        self._statistics = LoopStatistics()
+        self._rate = FixedRate(self._settings.scene.rate_hz)
+        self._stop = threading.Event()
+        self._limiters: dict[str, ForceLimiter] = {}
+        self._force_limits = self._settings.force_limits
+        self._message = ""
+        self._unknown_tools: list[str] = []
+        self._switched = 0
+        self._looked_after = 0.0
+        # What a frame takes besides steps, lately: steps stop early enough to publish in time.
+        self._reserve = 0.002
+        self._say(bytes(16), 0, Status.LOADING, "loading")
+        simulation = self._load()
+        self._refuse_second(started)
+        self._live = LiveSimulation(
+            simulation, self._settings.limits, self._settings.data_dir, self._settings.budget,
+            self._settings.steps_per_frame, self._first_keyframe,
+        )  # fmt: skip
+        self._sources = ToolSources(self, self._live, self._settings.frames)
+        self._sources.follow(simulation.tools)
+        self._served = SimulationServices(
+            self, self._live, self._settings.frames.organ, self._follow_tools
+        )
+        self._keyframes.publish(self._live.prepared, time.perf_counter())
+        self.add_post_set_parameters_callback(self._on_parameters)
+        group = MutuallyExclusiveCallbackGroup()
+        self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
+        prepare_process()
+        self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the loop and wait for it."""
+        self._stop.set()
+        if hasattr(self, "_thread"):
+            self._thread.join(timeout=10.0)
+            self._keyframes.finish()
+
+    # Starting
+
+    def _load(self) -> Simulation:
+        values = self._values
+        geometry = scene_geometry.load(
+            values["geometry"],
+            units=values["units"] or None,
+            fixed=values["fixed"],
+            parameters=self._settings.shape,
+            cell=values["cell"] or None,
+        )
+        for line in geometry.report.mended:
+            self.get_logger().info(line)
+        registry.warm_up()
+        seed = values["seed"]
+        epoch = hashlib.blake2b(str(seed).encode(), digest_size=16).digest() if seed else None
+        simulation = Simulation(geometry.mesh, self._settings.scene, epoch)
+        mesh = geometry.mesh
+        self.get_logger().info(
+            f"{mesh.name}: {mesh.node_rows} nodes, {mesh.element_rows} tetrahedra, "
+            f"{int(mesh.fixed.sum())} fixed, model {simulation.model.name}"
+        )
+        return simulation
+
+    def _refuse_second(self, started: float) -> None:
+        """Refuse to start beside another simulator of the same tissue/state."""
+        topic = self._topics.state.topic_name
+        self._stop.wait(max(0.0, LOOK_AROUND - (time.perf_counter() - started)))
+        if self.count_publishers(topic) > 1:
+            raise ValueError(
+                f"another simulator publishes {topic} already; start this one in another namespace "
+                "(-r __ns:=/other) or ROS_DOMAIN_ID"
+            )
+
+    def _first_keyframe(self, simulation: Simulation) -> Topology:
+        mesh = mesh_for_keyframe(simulation.mesh)
+        return self._keyframes.make(mesh, simulation.epoch, self._now())
+
+    # The loop thread
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_others()
+            self._rate.start()
+            while self._rate.wait(self._stop):
+                self._frame()
+                if self._statistics.frames == self._values["frames"]:
+                    self._finish()
+                    return
+        except Exception as error:
+            # The loop must not end silently: whoever looks at the status or the exit code sees it.
+            self.exit_code = 1
+            self.get_logger().fatal(f"the simulation failed: {type(error).__name__}: {error}")
+            import traceback
+
+            traceback.print_exc()
+            simulation = self._live.simulation
+            self._say(simulation.epoch, simulation.mesh.version, Status.FAILED, str(error))
+            self.context.try_shutdown()
+        finally:
+            self._served.stop()
+
+    def _frame(self) -> None:
+        stamp = self._now()
+        begun = time.perf_counter()
+        at_most = self._rate.before_late() - self._reserve
+        frame, answer = self._live.next_frame(begun, at_most)
+        stepped = time.perf_counter()
+        if self._live.switched != self._switched:
+            self._switched = self._live.switched
+            self._keyframes.publish(self._live.prepared, begun)
+            self._limiters.clear()
+        self._topics.publish_frame(frame, stamp)
+        self._publish_tools(frame, stamp)
+        published = time.perf_counter()
+        late = self._rate.published()
+        answer()
+        beside = published - begun - float(frame.step_seconds.sum())
+        self._reserve = min(max(beside, 0.98 * self._reserve), 0.25 * self._rate.period)
+        self._statistics.add(frame, published - begun, published - stepped)
+        self._after(frame, late, stamp)
+
+    def _publish_tools(self, frame: Frame, stamp: Time) -> None:
+        simulation, live = self._live.simulation, self._live
+        has_forces = simulation.model.has_forces
+        quiet = simulation.paused or live.loading or bool(frame.lost)
+        for tool, topics in self._sources.topics.items():
+            tracker = live.trackers.get(tool)
+            if tracker is None or tool not in simulation.poses:
+                continue
+            limiter = self._limiters.setdefault(tool, ForceLimiter(self._force_limits))
+            limiter.limits = self._force_limits
+            may_push = not quiet and tracker.state in (ACTIVE, FREE)
+            wanted = frame.wrenches.get(tool, NOTHING) if may_push else None
+            wrench = limiter.next(wanted, self._rate.period) if has_forces else None
+            # A tool removed just now has no publishers any more.
+            with contextlib.suppress(InvalidHandle):
+                topics.publish(simulation.poses[tool], wrench, stamp)
+
+    def _after(self, frame: Frame, late: bool, stamp: Time) -> None:
+        """What can wait until the frame is published."""
+        simulation, now = self._live.simulation, time.perf_counter()
+        for event in frame.events:
+            self.get_logger().info(event)
+            self._message = event
+        if frame.lost:
+            self.get_logger().error(frame.lost, throttle_duration_sec=1.0)
+            self._message = frame.lost
+        state = Status.PAUSED if simulation.paused else Status.READY
+        if self._live.loading:
+            state = Status.LOADING
+        self._say(simulation.epoch, simulation.mesh.version, state, self._message)
+        self._topics.publish_tools(list(self._live.trackers.values()), stamp)
+        self._keyframes.unkeyed += len(frame.edits)
+        if self._keyframes.wanted(now) and (
+            not late or self._keyframes.unkeyed >= 256 or now - self._looked_after > 2.0
+        ):
+            mesh = mesh_for_keyframe(simulation.mesh)
+            self._keyframes.begin(mesh, simulation.epoch, now, stamp)
+        elif now - self._looked_after > HOUSEKEEPING and self._rate.slack() > 0.004:
+            self._looked_after = now
+            self._statistics.residual = simulation.model.residual(simulation.state)
+            gc.collect(1)
+
+    def _finish(self) -> None:
+        """The number of frames asked for is done: let everybody have the last one, then end."""
+        self._keyframes.finish()
+        patience = Duration(seconds=2.0)
+        self._topics.state.wait_for_all_acked(patience)
+        self._topics.journal.wait_for_all_acked(patience)
+        self.context.try_shutdown()
+
+    def _wait_for_others(self) -> None:
+        """Hold the clock until those that must not miss anything are there."""
+        deadline = time.perf_counter() + self._values["wait_timeout"]
+        missing = self._missing()
+        while missing and time.perf_counter() < deadline and not self._stop.wait(0.02):
+            missing = self._missing()
+        if missing:
+            self._message = f"started without {', '.join(missing)}"
+            self.get_logger().warning(self._message)
+
+    def _missing(self) -> list[str]:
+        own = {publisher.topic_name: publisher for publisher in self.publishers}
+        missing = []
+        for topic, count in self._settings.wait_for.items():
+            name = self.resolve_topic_name(topic)
+            if name in own:
+                there = own[name].get_subscription_count()
+            else:
+                there = self.count_publishers(name)
+            if there < count:
+                missing.append(f"{topic} ({there} of {count})")
+        return missing
+
+    # The executor's thread
+
+    def _follow_tools(self) -> None:
+        self._sources.follow(list(self._live.simulation.tools))
+
+    def _on_parameters(self, changes: list[Parameter]) -> None:
+        self._values.update({change.name: change.value for change in changes})
+        self._live.budget = self._values["budget_ms"] / 1000.0
+        self._live.steps_per_frame = self._values["steps_per_frame"]
+        self._live.post_limits(tool_limits(self._values))
+        self._force_limits = force_limits(self._values)
+
+    def _diagnose(self) -> None:
+        simulation = self._live.simulation
+        unknown = self._sources.watch_sources()
+        for tool in unknown:
+            if tool not in self._unknown_tools:
+                known = ", ".join(simulation.tools) or "none"
+                self.get_logger().warning(
+                    f"poses are published for unknown tool {tool}; known tools: {known}"
+                )
+        self._unknown_tools = unknown
+        self._statistics.components = self._keyframes.components
+        findings = [
+            *self._statistics.report(
+                self._rate, time.perf_counter(), simulation.paused, simulation.model.name
+            ),
+            *tool_findings(self._live.trackers.values()),
+            wiring_finding(
+                self.count_publishers(self._topics.state.topic_name),
+                unknown,
+                simulation.tools,
+                [*self._topics.bad_qos.values(), *self._sources.bad_qos.values()],
+            ),
+        ]
+        self._topics.publish_diagnostics(self.get_fully_qualified_name(), findings, self._now())
+
+    # Both
+
+    def _say(self, epoch: bytes, version: int, state: int, message: str) -> None:
+        live = getattr(self, "_live", None)
+        organ: Mesh | None = live.simulation.mesh if live else None
+        self._topics.publish_status(
+            epoch,
+            version,
+            organ.name if organ else self._values["geometry"],
+            live.simulation.model.name if live else self._values["model"],
+            state,
+            live.busy_with if live else "",
+            message,
+            self._now(),
+        )
+
+    def _now(self) -> Time:
+        return conversions.stamp_of(time.time_ns())
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(SimulationNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

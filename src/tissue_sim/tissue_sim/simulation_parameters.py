@@ -1,0 +1,300 @@
+"""Parameters of the simulation's node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tissue_sim.elastic import registry
+from tissue_sim.elastic.model import Material
+from tissue_sim.frames import Frames, frame_specs
+from tissue_sim.interaction.reaction import ForceLimits
+from tissue_sim.interaction.tools import LARGEST, SHAPES, SMALLEST, ToolError, ToolSpec
+from tissue_sim.interaction.tracker import ToolLimits
+from tissue_sim.parameters import ParameterError, Spec
+from tissue_sim.scene import Scene
+
+_ALL_SHAPES = tuple(shape for shapes in SHAPES.values() for shape in shapes)
+
+SPECS = (
+    Spec("geometry", "string", "wall", "Name of a generated shape, or a mesh file."),
+    Spec(
+        "units", "string", "", "Unit of the mesh file's coordinates; a shape needs none.",
+        choices=("", "m", "mm"),
+    ),
+    Spec(
+        "cell", "double", 0.0, "Element size for filling a surface file; 0: chosen.",
+        unit="m", minimum=0.0, maximum=1.0,
+    ),
+    Spec("fixed", "string", "auto", "Nodes that never move: auto, none, set:NAME, low:z:0.1, ..."),
+    Spec("frame_id", "string", "organ", "The organ's frame: of rest positions and of all output."),
+    Spec(
+        "rate_hz", "double", 60.0, "Published frames per second.",
+        unit="1/s", minimum=1.0, maximum=1000.0,
+    ),
+    Spec(
+        "budget_ms", "double", 6.0, "Time for model steps in each frame.",
+        unit="ms", minimum=0.1, maximum=1000.0, live=True,
+    ),
+    Spec(
+        "steps_per_frame", "integer", 0, "Exactly so many model steps in each frame; 0: by time.",
+        minimum=0, maximum=100000, live=True,
+    ),
+    Spec("model", "string", "lr", "Elastic model.", choices=tuple(registry.names())),
+    Spec(
+        "young_modulus", "double", 5e4, "Young's modulus of the tissue.",
+        unit="Pa", minimum=1.0, maximum=1e12,
+    ),
+    Spec(
+        "poisson_ratio", "double", 0.45, "Poisson's ratio of the tissue.",
+        minimum=0.0, maximum=0.4999,
+    ),
+    Spec(
+        "density", "double", 1060.0, "Mass density of the tissue.",
+        unit="kg/m^3", minimum=1.0, maximum=1e5,
+    ),
+    Spec("tools", "strings", [], "Ids of the tools at the start."),
+    Spec(
+        "max_tool_speed", "double", 0.5, "Fastest a tool that holds tissue is moved.",
+        unit="m/s", minimum=1e-4, maximum=100.0, live=True,
+    ),
+    Spec(
+        "max_jump", "double", 0.05,
+        "Farthest two poses in a row may lie apart while the tool holds tissue.",
+        unit="m", minimum=1e-5, maximum=10.0, live=True,
+    ),
+    Spec(
+        "pose_timeout", "double", 0.2, "An older pose is stale: the tool freezes.",
+        unit="s", minimum=0.001, maximum=3600.0, live=True,
+    ),
+    Spec(
+        "release_timeout", "double", 2.0, "With an older pose the tool lets go.",
+        unit="s", minimum=0.001, maximum=3600.0, live=True,
+    ),
+    Spec(
+        "max_force", "double", 20.0, "Largest force published for a tool.",
+        unit="N", minimum=0.0, maximum=1e4, live=True,
+    ),
+    Spec(
+        "max_torque", "double", 2.0, "Largest torque published for a tool.",
+        unit="N m", minimum=0.0, maximum=1e4, live=True,
+    ),
+    Spec(
+        "max_force_rate", "double", 200.0, "Fastest change of the published force.",
+        unit="N/s", minimum=0.0, maximum=1e6, live=True,
+    ),
+    Spec(
+        "max_torque_rate", "double", 20.0, "Fastest change of the published torque.",
+        unit="N m/s", minimum=0.0, maximum=1e6, live=True,
+    ),
+    Spec("data_dir", "string", "~/.local/share/tissue_sim", "Folder of saved organs."),
+    Spec(
+        "wait_for", "strings", [],
+        "topic:count of subscribers (publishers where the simulation subscribes) that the clock "
+        "waits for before frame 1.",
+    ),
+    Spec(
+        "wait_timeout", "double", 30.0, "Longest wait for them.",
+        unit="s", minimum=0.0, maximum=3600.0,
+    ),
+    Spec("frames", "integer", 0, "Stop after so many frames; 0: run on.", minimum=0, maximum=2**53),
+    Spec(
+        "seed", "integer", 0, "Makes the first epoch's id repeatable; 0: a new one at each start.",
+        minimum=0, maximum=2**53,
+    ),
+)  # fmt: skip
+
+
+def tool_specs(tools: Iterable[str]) -> list[Spec]:
+    """Parameters of the tools with these ids."""
+    specs = []
+    for tool in tools:
+        base = f"tool.{tool}"
+        specs += [
+            Spec(f"{base}.kind", "string", "grab", "What it does.", choices=tuple(SHAPES)),
+            Spec(f"{base}.shape", "string", "", "Its shape; empty: the first of its kind.",
+                 choices=("", *_ALL_SHAPES)),
+            Spec(f"{base}.size", "doubles", [0.005],
+                 "sphere: radius; rectangle: length along x, depth along z; triangle: same.",
+                 unit="m", minimum=SMALLEST, maximum=LARGEST),
+            Spec(f"{base}.position", "doubles", [0.0, 0.0, 0.0], "Where its tip starts.",
+                 unit="m", length=3),
+            Spec(f"{base}.orientation", "doubles", [0.0, 0.0, 0.0, 1.0],
+                 "How it starts, quaternion x y z w.", length=4),
+            Spec(f"{base}.scale", "double", 1.0, "Metres it moves per metre of its source.",
+                 minimum=1e-3, maximum=1e3),
+            Spec(f"{base}.offset", "doubles", [0.0, 0.0, 0.0],
+                 "Added to its source's position, after scaling.", unit="m", length=3),
+            Spec(f"{base}.owner", "string", "scene", "Who set it."),
+        ]  # fmt: skip
+    return specs
+
+
+def model_specs() -> list[Spec]:
+    """Parameters `<model>.<parameter>` of every model."""
+    return [
+        Spec(
+            f"{model}.{parameter.name}",
+            "integer" if parameter.integer else "double",
+            parameter.default,
+            parameter.meaning,
+            unit=parameter.unit,
+            minimum=parameter.minimum,
+            maximum=parameter.maximum,
+        )
+        for model in registry.names()
+        for parameter in registry.parameters_of(model)
+    ]
+
+
+def shape_specs(names: Iterable[str]) -> list[Spec]:
+    """Parameters `shape.<name>` of the generated shape; their defaults are the shape's own."""
+    return [
+        Spec(f"shape.{name}", "double", 0.0, f"Parameter {name} of the generated shape.")
+        for name in names
+    ]
+
+
+def specs(given: Mapping[str, Any]) -> list[Spec]:
+    """Every parameter of a node that was given these; tools, frames and shapes come in families.
+
+    Raises:
+        ParameterError: The list of tools is not one.
+    """
+    table = {spec.name: spec for spec in SPECS}
+    tools = table["tools"].checked(given.get("tools") or [])
+    repeated = sorted({tool for tool in tools if tools.count(tool) > 1})
+    if repeated:
+        raise ParameterError(f"tools names {', '.join(repeated)} twice; ids are unique")
+    frames = {key.split(".")[1] for key in given if key.startswith("frames.") and "." in key[7:]}
+    shapes = [key.split(".", 1)[1] for key in given if key.startswith("shape.")]
+    return [
+        *SPECS,
+        *tool_specs(tools),
+        *model_specs(),
+        *frame_specs(sorted(frames)),
+        *shape_specs(shapes),
+    ]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the parameters mean, checked.
+
+    Attributes:
+        scene: Model, material, tools and rate.
+        frames: Static frames.
+        limits: What sources of tool motion may do.
+        force_limits: What is published of forces.
+        budget: Time for model steps in each frame [s].
+        steps_per_frame: Model steps in each frame; 0: by time.
+        data_dir: Folder of saved organs.
+        wait_for: Topics and how many must be matched before the clock starts.
+        shape: Parameters of the generated shape.
+    """
+
+    scene: Scene
+    frames: Frames
+    limits: ToolLimits
+    force_limits: ForceLimits
+    budget: float
+    steps_per_frame: int
+    data_dir: Path
+    wait_for: Mapping[str, int]
+    shape: Mapping[str, float]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Settings from checked values by full name.
+
+        Raises:
+            ValueError: Values do not go together.
+        """
+        limits = tool_limits(values)
+        return cls(
+            scene=Scene(
+                model=values["model"],
+                parameters=_model_parameters(values),
+                material=Material(
+                    values["young_modulus"], values["poisson_ratio"], values["density"]
+                ),
+                tools=tuple(_tool(values, tool) for tool in values["tools"]),
+                rate_hz=values["rate_hz"],
+            ),
+            frames=Frames.from_parameters(values["frame_id"], values),
+            limits=limits,
+            force_limits=force_limits(values),
+            budget=values["budget_ms"] / 1000.0,
+            steps_per_frame=values["steps_per_frame"],
+            data_dir=Path(values["data_dir"]).expanduser(),
+            wait_for=dict(_wait_for(entry) for entry in values["wait_for"]),
+            shape={
+                key.split(".", 1)[1]: _whole(value)
+                for key, value in values.items()
+                if key.startswith("shape.")
+            },
+        )
+
+
+def tool_limits(values: Mapping[str, Any]) -> ToolLimits:
+    """Limits of tools' sources.
+
+    Raises:
+        ParameterError: A tool would let go before it freezes.
+    """
+    if values["release_timeout"] < values["pose_timeout"]:
+        raise ParameterError(
+            f"release_timeout = {values['release_timeout']:g} s is shorter than pose_timeout = "
+            f"{values['pose_timeout']:g} s; a tool freezes first and lets go later"
+        )
+    names = ("max_tool_speed", "max_jump", "pose_timeout", "release_timeout")
+    return ToolLimits(**{name: values[name] for name in names})
+
+
+def force_limits(values: Mapping[str, Any]) -> ForceLimits:
+    """Limits of published forces."""
+    names = ("max_force", "max_torque", "max_force_rate", "max_torque_rate")
+    return ForceLimits(**{name: values[name] for name in names})
+
+
+def _model_parameters(values: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    return {
+        model: {
+            parameter.name: float(values[f"{model}.{parameter.name}"])
+            for parameter in registry.parameters_of(model)
+        }
+        for model in registry.names()
+    }
+
+
+def _tool(values: Mapping[str, Any], tool: str) -> ToolSpec:
+    base = f"tool.{tool}"
+    kind = values[f"{base}.kind"]
+    spec = ToolSpec(
+        id=tool,
+        kind=kind,
+        shape=values[f"{base}.shape"] or SHAPES[kind][0],
+        size=tuple(values[f"{base}.size"]),
+        pose=(*values[f"{base}.position"], *values[f"{base}.orientation"]),
+        owner=values[f"{base}.owner"],
+        scale=values[f"{base}.scale"],
+        offset=tuple(values[f"{base}.offset"]),
+    )
+    try:
+        return spec.checked()
+    except ToolError as error:
+        raise ParameterError(str(error)) from None
+
+
+def _wait_for(entry: str) -> tuple[str, int]:
+    topic, _, count = entry.rpartition(":")
+    if not topic or not count.isdigit() or int(count) < 1:
+        raise ParameterError(f"wait_for item {entry!r} is not allowed; allowed: topic:count")
+    return topic, int(count)
+
+
+def _whole(value: float) -> float:
+    """Numbers of nodes are given as numbers like all others."""
+    return int(value) if value == int(value) else value

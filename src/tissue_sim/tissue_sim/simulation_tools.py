@@ -1,0 +1,110 @@
+"""Sources of tool motion: the simulation's subscriptions for each tool."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from tissue_sim import conversions, qos
+from tissue_sim.frames import Frames, UnknownFrameError
+from tissue_sim.interaction.rigid import PoseError, checked_pose
+from tissue_sim.live import LiveSimulation
+from tissue_sim.simulation_topics import ToolTopics
+
+
+class ToolSources:
+    """Subscriptions and publishers of every tool; runs in the executor's thread.
+
+    Attributes:
+        topics: Publishers by tool; replaced as a whole, so that the loop thread may read it.
+        bad_qos: Topics offered with an incompatible quality of service.
+    """
+
+    def __init__(self, node: Node, live: LiveSimulation, frames: Frames) -> None:
+        self.topics: dict[str, ToolTopics] = {}
+        self.bad_qos: dict[str, str] = {}
+        self._node, self._live, self._frames = node, live, frames
+        self._subscriptions: dict[str, list[Any]] = {}
+
+    def follow(self, tools: Iterable[str]) -> None:
+        """Subscribe and publish for these tools and no others."""
+        wanted = list(tools)
+        topics = dict(self.topics)
+        for gone in [tool for tool in topics if tool not in wanted]:
+            for subscription in self._subscriptions.pop(gone):
+                self._node.destroy_subscription(subscription)
+            leaving = topics.pop(gone)
+            self.topics = dict(topics)
+            leaving.destroy(self._node)
+        for tool in wanted:
+            if tool not in topics:
+                topics[tool] = ToolTopics(self._node, tool, self._frames.organ)
+                self._subscriptions[tool] = self._subscribe(tool)
+        self.topics = topics
+
+    def watch_sources(self) -> list[str]:
+        """Tell the trackers who publishes poses; give the unknown tools that poses are sent to."""
+        for tool in self.topics:
+            infos = self._node.get_publishers_info_by_topic(f"tools/{tool}/servo_cp")
+            names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos]
+            self._live.post_sources(tool, names)
+        prefix = self._node.resolve_topic_name("tools/_/servo_cp").removesuffix("_/servo_cp")
+        unknown = []
+        for topic, _ in self._node.get_topic_names_and_types():
+            if topic.startswith(prefix) and topic.endswith("/servo_cp"):
+                tool = topic[len(prefix) : -len("/servo_cp")]
+                if tool not in self.topics and self._node.count_publishers(topic):
+                    unknown.append(tool)
+        return unknown
+
+    def _subscribe(self, tool: str) -> list[Any]:
+        def on_pose(message: PoseStamped) -> None:
+            self._on_pose(tool, message)
+
+        def on_use(message: Bool) -> None:
+            self._live.post_use(tool, bool(message.data))
+
+        def on_clutch(message: Bool) -> None:
+            self._live.post_clutch(tool, bool(message.data))
+
+        made = []
+        for message, name, callback, profile in (
+            (PoseStamped, "servo_cp", on_pose, qos.POSE_IN),
+            (Bool, "use", on_use, qos.USE),
+            (Bool, "clutch", on_clutch, qos.USE),
+        ):
+            topic = f"tools/{tool}/{name}"
+            made.append(
+                self._node.create_subscription(
+                    message, topic, callback, profile, event_callbacks=self._events(topic)
+                )
+            )
+        return made
+
+    def _events(self, topic: str) -> SubscriptionEventCallbacks:
+        def incompatible(info: Any) -> None:
+            self.bad_qos[topic] = (
+                f"{topic}: {info.total_count} publishers offer an incompatible quality of service "
+                f"({info.last_policy_kind})"
+            )
+
+        return SubscriptionEventCallbacks(incompatible_qos=incompatible)
+
+    def _on_pose(self, tool: str, message: PoseStamped) -> None:
+        now = time.perf_counter()
+        try:
+            pose = checked_pose(conversions.pose_array(message.pose))
+            pose = self._frames.pose_in_organ(message.header.frame_id, pose)
+        except (PoseError, UnknownFrameError) as error:
+            self._live.post_refusal(tool, str(error))
+            self._node.get_logger().warning(
+                f"pose of tool {tool} refused: {error}", throttle_duration_sec=5.0
+            )
+            return
+        self._live.post_pose(tool, pose, conversions.nanoseconds_of(message.header.stamp), now)
