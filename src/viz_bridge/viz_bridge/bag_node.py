@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import rclpy.parameter
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -22,7 +21,7 @@ from tissue_interfaces.msg import ToolList
 from tissue_sim import qos
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import ParameterError, Spec
-from viz_bridge.bag_writer import GB, BagOptions, BagWriter, free_bytes
+from viz_bridge.bag_writer import GB, BagOptions, BagWriter, Origin, free_bytes
 from viz_bridge.provenance import provenance
 from viz_bridge.recorded_topics import (
     FIXED,
@@ -36,7 +35,7 @@ from viz_bridge.recorded_topics import (
 from viz_bridge.state_thinning import StateThinning
 
 SPECS = (
-    Spec("path", "string", "session", "directory of the bag; must not exist, or be empty"),
+    Spec("bag", "string", "session", "directory of the bag; must not exist, or be empty"),
     Spec("record_state_hz", "double", 10.0, "states kept a second; 0 or at least 60: all",
          unit="Hz", minimum=0.0, maximum=1000.0),
     Spec("compression", "string", "lz4", "of the bag's chunks", choices=("none", "lz4", "zstd")),
@@ -90,7 +89,7 @@ class BagNode(Node):
             self._stop()
 
     def _start(self) -> None:
-        bag = Path(self._values["path"])
+        bag = Path(self._values["bag"])
         if self._sessions:
             bag = bag.with_name(f"{bag.name}_{self._sessions + 1}")
         options = BagOptions(
@@ -143,10 +142,10 @@ class BagNode(Node):
     def _receiver(self, name: str, topic: RecordedTopic) -> Callable[[bytes, dict[str, int]], None]:
         is_state = topic.name == STATE
         is_tools = topic.name == "tissue/tools"
-        profiles: list[dict[str, Any]] | None = None
+        origin: Origin | None = None
 
         def receive(data: bytes, info: dict[str, int]) -> None:
-            nonlocal profiles
+            nonlocal origin
             writer = self._writer
             if is_tools:
                 self._follow(deserialize_message(data, ToolList))
@@ -154,10 +153,10 @@ class BagNode(Node):
                 return
             if is_state and not self._thinning.keeps(data):
                 return
-            if profiles is None:
-                profiles = offered(self.get_publishers_info_by_topic(name))
+            if origin is None:
+                origin = Origin(offered(self.get_publishers_info_by_topic(name)))
             published = int(info.get("source_timestamp", 0))
-            writer.write(name, topic.type_name, data, time.time_ns(), published, profiles)
+            writer.write(name, topic.type_name, data, time.time_ns(), published, origin)
 
         return receive
 

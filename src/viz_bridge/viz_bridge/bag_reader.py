@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,19 +79,15 @@ def summaries(bag: Path) -> dict[Path, Summary]:
         with path.open("rb") as stream:
             try:
                 summary = make_reader(stream).get_summary()
-            except (McapError, ValueError, EOFError, OSError) as error:
-                raise BagError(_not_ended(path, str(error))) from None
+            except (McapError, ValueError, EOFError, struct.error):
+                summary = None
         if summary is None or summary.statistics is None:
-            raise BagError(_not_ended(path, "it has no index"))
+            raise BagError(
+                f"{path} was not ended (it has no index); `tissue bag recover` makes a whole bag "
+                "of what is there"
+            )
         found[path] = summary
     return found
-
-
-def _not_ended(path: Path, why: str) -> str:
-    return (
-        f"{path} was not ended ({why or 'it is cut off'}); `tissue bag recover` makes a whole bag "
-        "of what is there"
-    )
 
 
 def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMessage]:
@@ -131,6 +128,16 @@ def topic_counts(bag: Path) -> dict[str, int]:
             count = summary.statistics.channel_message_counts.get(number, 0)
             counts[channel.topic] = counts.get(channel.topic, 0) + count
     return counts
+
+
+def topic_types(bag: Path) -> dict[str, str]:
+    """Message types by full topic name."""
+    return {
+        channel.topic: summary.schemas[channel.schema_id].name
+        for summary in summaries(bag).values()
+        for channel in summary.channels.values()
+        if channel.schema_id in summary.schemas
+    }
 
 
 def organ_namespaces(topics: Iterable[str]) -> list[str]:

@@ -12,7 +12,7 @@ import os
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -62,6 +62,21 @@ class BagCounts:
     written: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     bytes: int = 0
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the messages of a topic come from.
+
+    Attributes:
+        qos: What its publishers offer, as rosbag2 writes it.
+        definition: Definition of the type; empty: the one installed.
+        type_hash: Likewise.
+    """
+
+    qos: Sequence[dict[str, Any]] = ()
+    definition: str = ""
+    type_hash: str = ""
 
 
 @dataclass(frozen=True)
@@ -130,7 +145,8 @@ class BagWriter:
         data: bytes,
         log_time: int,
         publish_time: int = 0,
-        qos: list[dict[str, Any]] | None = None,
+        origin: Origin | None = None,
+        wait: bool = False,
     ) -> bool:
         """Hand over one message; returns at once.
 
@@ -140,22 +156,28 @@ class BagWriter:
             data: The message in CDR.
             log_time: When it was received [ns since 1970].
             publish_time: When it was published [ns since 1970]; 0: as log_time.
-            qos: What its publishers offer, as rosbag2 writes it; counts with a topic's first
-                message.
+            origin: Where it comes from; counts with a topic's first message.
+            wait: Wait for room in the queue instead of dropping: for copies, not for recording.
 
         Returns:
             False where it was dropped: the queue is full, or the bag has ended.
         """
-        item = _Item("message", topic, type_name, data, log_time, publish_time or log_time, qos)
+        item = _Item("message", topic, type_name, data, log_time, publish_time or log_time, origin)
         with self._wake:
-            full = self._queued + len(data) > self.options.queue_bytes
+            if wait:
+                self._wake.wait_for(lambda: self.ended or not self._queued or self._room(item))
+            # A message larger than the queue is let in when it is alone.
+            full = self._queued > 0 and not self._room(item)
             if self.ended or self._closing or full:
                 self.counts.dropped[topic] += 1
                 return False
             self._items.append(item)
             self._queued += len(data)
-            self._wake.notify()
+            self._wake.notify_all()
         return True
+
+    def _room(self, item: _Item) -> bool:
+        return self._queued + len(item.data) <= self.options.queue_bytes
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the bag."""
@@ -173,7 +195,7 @@ class BagWriter:
         """Write what waits, end the bag, and say what is in it. May be called twice."""
         with self._wake:
             self._closing = True
-            self._wake.notify()
+            self._wake.notify_all()
         self._thread.join(timeout)
         if self._thread.is_alive():
             self._notify("error", f"{self.directory}: the disk takes longer than {timeout:g} s")
@@ -182,7 +204,7 @@ class BagWriter:
     def _order(self, item: _Item) -> None:
         with self._wake:
             self._items.append(item)
-            self._wake.notify()
+            self._wake.notify_all()
 
     def _work(self) -> None:
         try:
@@ -203,6 +225,7 @@ class BagWriter:
                 taken = list(self._items)
                 self._items.clear()
                 self._queued = 0
+                self._wake.notify_all()
                 done = self._closing and not taken
             for index, item in enumerate(taken):
                 self._take(item)
@@ -249,12 +272,12 @@ class BagWriter:
         self.counts.written[item.name] += 1
 
     def _channel(self, item: _Item) -> int:
-        definition = message_text(item.type_name)
+        origin = item.values or Origin()
+        definition = origin.definition or message_text(item.type_name)
         known = self._info.topics.get(item.name)
         if known is None:
-            known = TopicInfo(
-                item.name, item.type_name, type_hash(item.type_name), item.values or []
-            )
+            hashed = origin.type_hash or type_hash(item.type_name)
+            known = TopicInfo(item.name, item.type_name, hashed, list(origin.qos))
         elif known.type_name != item.type_name:
             raise ValueError(f"its type was {known.type_name} and is now {item.type_name}")
         if item.type_name not in self._schemas:

@@ -109,3 +109,14 @@ def _run(pairs: list[str], extra: dict[str, str]) -> str:
         return ""
     lines = [line.strip() for line in (done.stderr + done.stdout).splitlines() if line.strip()]
     return lines[-1][:200] if lines else f"the renderer ended with code {done.returncode}"
+
+
+def draw_session(bag: Path, folder: Path) -> list[str]:
+    """Render the pictures of a session and say in lines what became of them; never fails."""
+    try:
+        pictures = render(bag, folder)
+    except (ValueError, OSError) as error:
+        return [f"no pictures: {error}"]
+    if not pictures.files:
+        return [pictures.message]
+    return [str(picture) for picture in pictures.files]

@@ -1,0 +1,167 @@
+"""Checks bags and mends those that were not ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.exceptions import McapError
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader
+
+from viz_bridge.bag_metadata import FILE_NAME
+from viz_bridge.bag_reader import BagError, read_bag
+from viz_bridge.bag_writer import BagOptions, BagWriter, Origin, bag_files
+from viz_bridge.cdr import CdrError
+
+_JOURNAL = "/tissue/journal"
+_TORN = (McapError, CRCValidationError, EOFError, ValueError, MemoryError, OSError)
+
+
+@dataclass
+class Findings:
+    """What a check of a bag found.
+
+    Attributes:
+        messages: Messages read.
+        problems: What is wrong, in words; empty for a good bag.
+        notes: What a person may want to know.
+    """
+
+    messages: int = 0
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def check(bag: Path, progress: Callable[[int], None] | None = None) -> Findings:
+    """Read every message of a bag with its definition, and look for gaps in the journal.
+
+    Args:
+        bag: Directory or file.
+        progress: Called with the number of messages read so far.
+
+    Raises:
+        ValueError: There is no bag.
+    """
+    findings = Findings()
+    if bag.is_dir() and not (bag / FILE_NAME).is_file():
+        bag_files(bag)
+        findings.problems.append(f"{FILE_NAME} is missing; `tissue bag recover` makes it")
+    broken: dict[str, int] = {}
+    frames: dict[tuple[str, bytes], int] = {}
+    try:
+        for item in read_bag(bag):
+            findings.messages += 1
+            if progress is not None:
+                progress(findings.messages)
+            try:
+                message = item.message
+            except (CdrError, ValueError) as error:
+                broken[item.topic] = broken.get(item.topic, 0) + 1
+                if broken[item.topic] == 1:
+                    findings.problems.append(f"{item.topic}: {error}")
+                continue
+            if item.topic.endswith(_JOURNAL):
+                key = (item.topic, message.epoch.tobytes())
+                before = frames.get(key)
+                frame = int(message.frame)
+                if before is None and frame != 1:
+                    findings.notes.append(f"{item.topic} begins at frame {frame}: no replay from 1")
+                elif before is not None and frame != before + 1:
+                    findings.problems.append(
+                        f"{item.topic}: frame {before} is followed by frame {frame}"
+                    )
+                frames[key] = frame
+    except BagError as error:
+        findings.problems.append(str(error))
+    findings.problems += [
+        f"{topic}: {count} messages cannot be read" for topic, count in broken.items() if count > 1
+    ]
+    return findings
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was saved of a bag."""
+
+    messages: int
+    seconds: float
+    torn: tuple[str, ...]
+
+
+def recover(bag: Path, target: Path, progress: Callable[[int], None] | None = None) -> Recovery:
+    """Write a new, whole bag with all that can be read of one that was not ended.
+
+    Args:
+        bag: Directory or file; it is left as it is.
+        target: Directory of the new bag; must not exist, or be empty.
+        progress: Called with the number of messages saved so far.
+
+    Raises:
+        ValueError: There is no bag, or the target is not empty.
+        OSError: The target cannot be written.
+    """
+    files = bag_files(bag)
+    writer = BagWriter(target, BagOptions(min_free_gb=0.0))
+    torn: list[str] = []
+    saved = 0
+    try:
+        for path in files:
+            channels: dict[int, tuple[Channel, Schema | None]] = {}
+            schemas: dict[int, Schema] = {}
+            for record in _records(path, torn):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = (record, schemas.get(record.schema_id))
+                elif isinstance(record, Metadata) and record.name != "rosbag2":
+                    writer.describe(record.name, dict(record.metadata))
+                elif isinstance(record, Message) and record.channel_id in channels:
+                    saved += _save(writer, record, *channels[record.channel_id])
+                    if progress is not None:
+                        progress(saved)
+    finally:
+        writer.describe("tissue_sim/recovery", {"recovered_from": str(bag)})
+        info = writer.close(timeout=600.0)
+    if writer.ended:
+        raise OSError(f"{target}: {writer.ended}")
+    return Recovery(info.messages, info.seconds, tuple(torn))
+
+
+def _records(path: Path, torn: list[str]) -> Iterator[McapRecord]:
+    with path.open("rb") as stream:
+        reader = StreamReader(stream, validate_crcs=True)
+        try:
+            yield from reader.records
+        except _TORN as error:
+            torn.append(f"{path.name}: {str(error) or 'it ends in the middle of a record'}")
+
+
+def _save(writer: BagWriter, record: Message, channel: Channel, schema: Schema | None) -> int:
+    if schema is None:
+        return 0
+    origin = Origin(
+        _qos(channel.metadata.get("offered_qos_profiles", "")),
+        schema.data.decode(),
+        channel.metadata.get("topic_type_hash", ""),
+    )
+    return writer.write(
+        channel.topic,
+        schema.name,
+        record.data,
+        record.log_time,
+        record.publish_time,
+        origin,
+        wait=True,
+    )
+
+
+def _qos(text: str) -> list[dict[str, Any]]:
+    try:
+        profiles = yaml.safe_load(text) if text else []
+    except yaml.YAMLError:
+        return []
+    return profiles if isinstance(profiles, list) else []
