@@ -1,4 +1,4 @@
-"""Small organs, holds and cuts for tests of the elastic models, and plain numpy twins of kernels."""
+"""Small organs, holds and cuts for tests of the elastic models, and plain twins of kernels."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ from tissue_sim.elastic.ordering import WHOLE_ORGAN
 from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.springs import SpringNetwork
-from tissue_sim.geometry.mesh import Mesh, signed_volumes
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.quality import signed_volumes
 
 MICROMETRE = 1e-6
 

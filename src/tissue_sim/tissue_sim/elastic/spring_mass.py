@@ -56,6 +56,8 @@ class SpringMass(SpringModel):
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
         self._keep = self.scalar(1.0 - self.values["damping"])
+        last_bits = 4.0 * float(np.finfo(self.springs.dtype).eps)
+        self._sticks = self.scalar(last_bits if self.values["damping"] > 0.0 else 0.0)
         self._stiffness = np.zeros(mesh.node_capacity)
         self._rows = np.arange(mesh.node_capacity, dtype=np.uint32)
         rows = np.arange(mesh.node_rows, dtype=np.int32)
@@ -104,7 +106,7 @@ class SpringMass(SpringModel):
         """One time step. Modifies the state in place."""
         verlet_step(
             self.mesh.node_rows, self.springs.arrays, state.prescribed, self._scale, self._keep,
-            self.springs.tiny, state.displacement, state.previous,
+            self._sticks, self.springs.tiny, state.displacement, state.previous,
         )  # fmt: skip
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:

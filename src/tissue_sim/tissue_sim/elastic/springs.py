@@ -63,8 +63,9 @@ class SpringNetwork:
     ) -> None:
         self.mesh, self.material, self.dtype = mesh, material, dtype
         self.version = mesh.version
-        self.tiny = dtype(TINY)
-        self._origin = mesh.rest[: mesh.node_rows].mean(axis=0) if mesh.node_rows else np.zeros(3)
+        self.tiny = dtype(TINY[dtype])
+        # Whole eighths of a metre: an edit does not change where a network built afresh has it.
+        self._origin = np.round(mesh.rest[: mesh.node_rows].mean(axis=0) * 8) / 8
         self._rest = np.zeros((mesh.node_capacity, 3), dtype=dtype)
         self._rest[: mesh.node_rows] = mesh.rest[: mesh.node_rows] - self._origin
         self.masses = np.zeros(mesh.node_capacity)

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 FAST = {"contract", "nnan", "ninf", "nsz", "arcp"}
 """No `reassoc`: it turns the loops over neighbours into slow hardware gathers."""
 
-TINY = 1e-30
-"""Squared length [m^2] that counts as none: two nodes in one place pull in no direction instead of
-dividing by zero.
+TINY = {np.float32: 1e-30, np.float64: 1e-200}
+"""Squared length [m^2] that counts as none, by precision.
+
+Two nodes in one place pull in no direction instead of dividing by zero.
 """
 
 
@@ -292,6 +293,7 @@ def verlet_step(
     prescribed: NDArray[np.bool_],
     acceleration_scale: NDArray[np.floating],
     keep: np.floating,
+    sticks: np.floating,
     tiny: np.floating,
     u: NDArray[np.floating],
     previous: NDArray[np.floating],
@@ -307,6 +309,8 @@ def verlet_step(
         acceleration_scale: h^2 / m per node [m/N], shape (node_capacity,); 0 for nodes without
             mass.
         keep: 1 - d.
+        sticks: A damped node whose move is a smaller share of its displacement stops: rounding would
+            keep the last bit of its velocity for ever.
         tiny: `TINY` in the precision of `u`.
         u: Displacements [m].
         previous: Displacements one step earlier [m].
@@ -317,9 +321,11 @@ def verlet_step(
             continue
         F0, F1, F2, _ = _pull(i, springs, u, tiny)
         scale = acceleration_scale[i]
-        previous[i, 0] = u[i, 0] + keep * (u[i, 0] - previous[i, 0]) + scale * F0
-        previous[i, 1] = u[i, 1] + keep * (u[i, 1] - previous[i, 1]) + scale * F1
-        previous[i, 2] = u[i, 2] + keep * (u[i, 2] - previous[i, 2]) + scale * F2
+        for axis, F in enumerate((F0, F1, F2)):
+            move = keep * (u[i, axis] - previous[i, axis])
+            if abs(move) < sticks * abs(u[i, axis]):
+                move = tiny - tiny
+            previous[i, axis] = u[i, axis] + move + scale * F
     # Everything above has read the present `u`; now `previous` holds the next. Displacements below
     # 1e-15 m become 0: the front of a wave would fill with denormal numbers, which are slow.
     for i in range(rows):
