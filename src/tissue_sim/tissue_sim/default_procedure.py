@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,15 @@ TAUT = 0.3
 """Share of the pull before the cut."""
 
 
-def tool_parameters(interaction: Interaction) -> dict[str, Any]:
-    """Parameters of the simulation that make the procedure's tool."""
+def tool_parameters(interaction: Interaction, others: Iterable[str] = ()) -> dict[str, Any]:
+    """Parameters of the simulation that make the procedure's tool.
+
+    Args:
+        interaction: Where to work.
+        others: Tools the scene has besides.
+    """
     return {
-        "tools": [TOOL],
+        "tools": [*(tool for tool in others if tool != TOOL), TOOL],
         f"tool.{TOOL}.kind": "grab",
         f"tool.{TOOL}.shape": "sphere",
         f"tool.{TOOL}.size": [float(interaction.radius)],

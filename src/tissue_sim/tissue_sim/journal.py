@@ -68,7 +68,7 @@ def replay(
     mesh: Mesh,
     model: str | None = None,
     parameters: Mapping[str, float] | None = None,
-    on_frame: Callable[[Frame], None] | None = None,
+    on_frame: Callable[[Simulation, Frame], None] | None = None,
 ) -> Replay:
     """Repeat one epoch.
 
@@ -99,7 +99,7 @@ def replay(
         if model is None and frame.journal.crc32 != entry.crc32:
             mismatches.append(entry.frame)
         if on_frame is not None:
-            on_frame(frame)
+            on_frame(simulation, frame)
     if simulation is None or frame is None:
         raise JournalError("the journal is empty")
     return Replay(simulation.frame, tuple(mismatches), frame.positions.copy(), simulation)

@@ -14,7 +14,7 @@ from tissue_sim.default_procedure import tool_parameters, write_default_procedur
 from tissue_sim.elastic import registry
 from tissue_sim.free_domain import choose_domain
 from tissue_sim.geometry.scene_geometry import load, suggest_interaction
-from tissue_sim.launcher import Launcher
+from tissue_sim.launcher import Launcher, LaunchError, describe_exit
 from tissue_sim.run_report import print_report, read_report
 from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene, is_mesh_file
 from tissue_sim.session import (
@@ -24,6 +24,7 @@ from tissue_sim.session import (
     SessionPlan,
     end_session,
     start_session,
+    tools_of,
 )
 
 RATE_HZ = 60.0
@@ -103,8 +104,8 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         changes["model"] = options.model
     if options.fixed:
         changes["fixed"] = options.fixed
-    if options.procedure is not None and not options.procedure.is_file():
-        raise ValueError(f"{options.procedure}: no such procedure file")
+    if options.procedure is not None:
+        tools_of(options.procedure)
     frames = options.frames or round(options.seconds * RATE_HZ)
     if options.headless and not frames and options.procedure is None:
         frames = round(HEADLESS_SECONDS * RATE_HZ)
@@ -127,7 +128,7 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         changes |= chosen
     plan = SessionPlan(
         scene=scene.with_simulation(changes),
-        out=_empty_folder(options.out),
+        out=empty_folder(options.out),
         procedure=procedure if options.headless or options.procedure else None,
         clock="simulation" if options.headless else "wall",
         bag=options.bag,
@@ -148,15 +149,16 @@ def _suggested(
     for line in geometry.report.lines():
         console.print(f"  {line}", markup=False)
     interaction = suggest_interaction(geometry.mesh)
+    tools = tool_parameters(interaction, values.get("tools", []))
     if not options.headless or options.procedure is not None:
-        return tool_parameters(interaction), options.procedure
+        return tools, options.procedure
     procedure = options.out / "procedure.yaml"
     seconds = (frames or HEADLESS_SECONDS * RATE_HZ) / float(values.get("rate_hz", RATE_HZ))
     write_default_procedure(procedure, interaction, seconds)
-    return tool_parameters(interaction), procedure
+    return tools, procedure
 
 
-def _empty_folder(out: Path) -> Path:
+def empty_folder(out: Path) -> Path:
     """The folder to write, without what an earlier session left there."""
     out.mkdir(parents=True, exist_ok=True)
     for name in ("session", "logs"):
@@ -173,15 +175,23 @@ def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
     if frames:
         rate = float(plan.scene.simulation.get("rate_hz", RATE_HZ))
         patience = 300.0 + frames / rate / SLOWEST
-        launcher.wait_for_end(SIMULATION_PROCESS, patience)
+        _must_be_good(
+            launcher, SIMULATION_PROCESS, launcher.wait_for_end(SIMULATION_PROCESS, patience)
+        )
     elif plan.procedure is not None:
-        launcher.wait_for_end(SCRIPT)
+        _must_be_good(launcher, SCRIPT, launcher.wait_for_end(SCRIPT))
     else:
         while True:
             launcher.check()
             time.sleep(0.2)
     if MONITOR in launcher.processes:
         launcher.stop(MONITOR)
+
+
+def _must_be_good(launcher: Launcher, name: str, code: int) -> None:
+    if code:
+        words = launcher.processes[name].last_words()
+        raise LaunchError(f"{name} ended with {describe_exit(code)}\n{words}")
 
 
 def _print_page(launcher: Launcher, plan: SessionPlan) -> None:

@@ -9,13 +9,13 @@ from typing import Any
 
 import yaml
 
-from tissue_sim.launcher import ProcessSpec, module_command
+from tissue_sim.launcher import Launcher, ProcessSpec, module_command
 from tissue_sim.scene_file import SceneFile
 
 VIEWER_NICENESS = 5
 """What only watches stands back for what must be on time."""
 
-SIMULATION = "tissue_sim"
+SIMULATION_PROCESS = "tissue_sim"
 CUT_SERVICE = "cut_service"
 SCRIPT = "script"
 BAG = "bag"
@@ -80,20 +80,17 @@ class SessionPlan:
 
 def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
     """The processes of a session by name, in the order to start them."""
-    specs = [_simulation(plan), _node(plan, CUT_SERVICE, "cut_service.cut_node", {})]
+    specs = [
+        _node(plan, SIMULATION_PROCESS, "tissue_sim.simulation_node", {}),
+        _node(plan, CUT_SERVICE, "cut_service.cut_node", {}),
+    ]
     if plan.bag:
         specs.append(
-            _node(plan, BAG, "viz_bridge.bag_node", {"path": str(plan.bag_folder)}, viewer=True)
+            _node(plan, BAG, "viz_bridge.bag_node", {"bag": str(plan.bag_folder)}, viewer=True)
         )
     if plan.recording or plan.viewer:
-        sinks = {
-            "sink": "both"
-            if plan.recording and plan.viewer
-            else "file"
-            if plan.recording
-            else "viewer",
-            "path": str(plan.recording_file),
-        }
+        into = ("both" if plan.viewer else "file") if plan.recording else "viewer"
+        sinks = {"sink": into, "path": str(plan.recording_file)}
         specs.append(_node(plan, RERUN, "viz_bridge.rerun_node", sinks, viewer=True))
     if plan.monitor:
         specs.append(_node(plan, MONITOR, "viz_bridge.monitor", {"path": str(plan.monitor_file)}))
@@ -107,10 +104,6 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
         }
         specs.append(_node(plan, SCRIPT, "tool_input.script_node", script, needed=False))
     return {spec.name: spec for spec in specs}
-
-
-def _simulation(plan: SessionPlan) -> ProcessSpec:
-    return _node(plan, SIMULATION, "tissue_sim.simulation_node", {})
 
 
 def _node(
@@ -137,3 +130,47 @@ def _ros_value(value: Any) -> str:
     """A parameter's value as the command line of a node wants it: YAML on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6).strip()
     return text.removesuffix("\n...").strip()
+
+
+def tools_of(procedure: Path) -> list[str]:
+    """Tools that a procedure moves.
+
+    Raises:
+        ValueError: The procedure cannot be played.
+    """
+    # Here, because tool_input depends on this package.
+    from tool_input.procedure import load_procedure
+
+    return list(load_procedure(procedure).tools)
+
+
+def with_waiting(plan: SessionPlan) -> SceneFile:
+    """The scene, its clock waiting for those of the session that must not miss its beginning."""
+    listeners = {"tissue/journal": 0, "tissue/state": 0}
+    if plan.bag:
+        listeners = {topic: count + 1 for topic, count in listeners.items()}
+    if plan.recording or plan.viewer:
+        listeners = {topic: count + 1 for topic, count in listeners.items()}
+    if plan.monitor:
+        listeners["tissue/state"] += 1
+    if plan.procedure is not None and plan.clock == "simulation":
+        listeners["tissue/journal"] += 1
+    waits = [f"{topic}:{count}" for topic, count in listeners.items() if count]
+    if plan.procedure is not None:
+        waits += [f"tools/{tool}/servo_cp:1" for tool in tools_of(plan.procedure)]
+    return plan.scene.with_simulation({"wait_for": waits}) if waits else plan.scene
+
+
+def start_session(launcher: Launcher, plan: SessionPlan) -> None:
+    """Write the session's parameters and start its processes."""
+    with_waiting(plan).write(plan.parameter_file)
+    for spec in process_specs(plan).values():
+        launcher.start(spec)
+
+
+def end_session(launcher: Launcher) -> None:
+    """End the processes in the order of the data: sources, simulation, then those that listen."""
+    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE, MONITOR), (BAG, RERUN)):
+        there = [name for name in names if name in launcher.processes]
+        if there:
+            launcher.stop(*there)

@@ -37,7 +37,8 @@ def _add_bag_commands() -> None:
 
 def main() -> None:
     """Entry point: what a person did wrong is one line and exit code 2, not a traceback."""
-    _add_bag_commands()
+    if "bag" in sys.argv[1:2] or "--help" in sys.argv or "-h" in sys.argv:
+        _add_bag_commands()
     errors = Console(stderr=True, soft_wrap=True, highlight=False)
     try:
         app()

@@ -1,0 +1,18 @@
+"""`tissue bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def bench(
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("out/bench.json"),
+    seconds: Annotated[float, typer.Option(min=0.05, help="Time to measure each row.")] = 1.0,
+) -> None:
+    """Steps a second of every model, next to what the machine's memory allows."""
+    from tissue_sim.bench import run_bench
+
+    raise typer.Exit(run_bench(out, seconds))
