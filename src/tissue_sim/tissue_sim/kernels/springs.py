@@ -309,8 +309,8 @@ def verlet_step(
         acceleration_scale: h^2 / m per node [m/N], shape (node_capacity,); 0 for nodes without
             mass.
         keep: 1 - d.
-        sticks: A damped node whose move is a smaller share of its displacement stops: rounding would
-            keep the last bit of its velocity for ever.
+        sticks: A damped node whose move is a smaller share of its displacement stops: rounding
+            would keep the last bit of its velocity for ever.
         tiny: `TINY` in the precision of `u`.
         u: Displacements [m].
         previous: Displacements one step earlier [m].
