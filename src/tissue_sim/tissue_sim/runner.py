@@ -75,10 +75,12 @@ def run_scene(options: RunOptions) -> int:
     plan, frames = plan_run(options)
     domain = choose_domain()
     console.print(f"{plan.scene.name} in ROS domain {domain}; logs in {plan.out / 'logs'}")
+    problems: list[str] = []
     with Launcher(plan.out / "logs") as launcher:
         start_session(launcher, plan)
         try:
             _stay(launcher, plan, frames)
+            problems = _script_problems(launcher)
         except KeyboardInterrupt:
             console.print("ending")
             if frames:
@@ -88,6 +90,7 @@ def run_scene(options: RunOptions) -> int:
     if not options.headless:
         return 0
     report = read_report(plan)
+    report.problems += problems
     print_report(console, plan, report)
     return 0 if report.good else 1
 
@@ -186,6 +189,16 @@ def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
             time.sleep(0.2)
     if MONITOR in launcher.processes:
         launcher.stop(MONITOR)
+
+
+def _script_problems(launcher: Launcher) -> list[str]:
+    """What a script did wrong that has ended by itself; requests it reports itself are left out."""
+    script = launcher.processes.get(SCRIPT)
+    if script is None or script.exit_code == 0:
+        return []
+    if script.exit_code is None:
+        return ["the run ended before the procedure was over"]
+    return [f"the procedure failed: {script.last_words(1)}"]
 
 
 def _must_be_good(launcher: Launcher, name: str, code: int) -> None:

@@ -72,7 +72,7 @@ class Motion:
         segment = min(int(np.searchsorted(self._times, time, "right")) - 1, len(self._times) - 2)
         begin, length = self._times[segment], self._times[segment + 1] - self._times[segment]
         u = (time - begin) / length
-        s = u * u * u * (10.0 + u * (6.0 * u - 15.0))
+        s = min(max(u * u * u * (10.0 + u * (6.0 * u - 15.0)), 0.0), 1.0)
         point = (1.0 - s) * self._points[segment] + s * self._points[segment + 1]
         return Pose(point, self._slerp(segment + s).as_quat())
 

@@ -88,6 +88,17 @@ def test_tool_rests_at_both_ends_of_a_motion_and_goes_where_it_is_sent() -> None
     assert np.abs(speed).max() == pytest.approx(0.01 * 1.875, rel=1e-3)  # of minimum jerk
 
 
+@settings(deadline=None, max_examples=50)
+@given(st.floats(-1.0, 6.0))
+def test_no_time_is_out_of_range(time: float) -> None:
+    for through in ("", ", through: true"):
+        path = f"path: [{{by: [1, 2, 3], for: 0.3}}, {{by: [3, 1, 0], for: 0.7}}]{through}}}"
+        text = TEXT.replace("to: [0, 0, 0], for: 1}", path)
+        pose = parse_procedure(text).pose("forceps", time)
+        assert np.isfinite(pose.position).all()
+        assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0)
+
+
 def test_use_is_a_press_and_a_release() -> None:
     procedure = parse_procedure(TEXT)
     assert [procedure.pressed("knife", time) for time in (2.9, 3.2, 3.6)] == [False, True, False]
