@@ -68,7 +68,7 @@ class ToolTracker:
         self._used_stamp = 0
         self._sources: tuple[str, ...] = ()
         self._jump = ""
-        self._holding = False
+        self._farthest_step = 0.0
         self._let_go = False
         self._stale = False
         self._clutched = False
@@ -111,14 +111,9 @@ class ToolTracker:
         """
         self.received += 1
         before, self._newest = self._newest, _Received(pose, stamp, now)
-        if before is None or not self._holding or self._clutched or self._jump:
-            return
-        distance = self.spec.scale * float(np.linalg.norm(pose[:3] - before.pose[:3]))
-        if distance > self.limits.max_jump:
-            self._jump = (
-                f"jumped {distance:.4g} m while holding; allowed: {self.limits.max_jump:g} m; "
-                "release use to go on"
-            )
+        if before is not None and not self._clutched:
+            step = self.spec.scale * float(np.linalg.norm(pose[:3] - before.pose[:3]))
+            self._farthest_step = max(self._farthest_step, step)
 
     def refuse_pose(self, reason: str) -> None:
         """Count a pose that could not be used."""
@@ -163,8 +158,8 @@ class ToolTracker:
         Returns:
             The sample, and whether the tool must let go of everything because its pose is stale.
         """
-        self._holding = holding
         release_now = self._watch(now)
+        self._watch_jumps(holding)
         pressed, source = self._next_edge()
         edge: Edge = 0
         if pressed is False and self._level:
@@ -192,6 +187,15 @@ class ToolTracker:
         just_expired = expired and not self._let_go
         self._let_go = expired
         return just_expired
+
+    def _watch_jumps(self, holding: bool) -> None:
+        """Notice a jump between poses that came since the last frame."""
+        step, self._farthest_step = self._farthest_step, 0.0
+        if holding and not self._jump and step > self.limits.max_jump:
+            self._jump = (
+                f"jumped {step:.4g} m while holding; allowed: {self.limits.max_jump:g} m; "
+                "release use to go on"
+            )
 
     def _next_edge(self) -> tuple[bool | None, _Received | None]:
         """At most one edge takes effect in a frame, with the newest pose received before it."""
