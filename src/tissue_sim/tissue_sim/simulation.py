@@ -282,7 +282,8 @@ class Simulation:
             self.model.step(self.state)
             now = time.perf_counter()
             seconds.append(now - last)
-            if steps is None and now - started + seconds[-1] > budget.seconds:
+            spent = now - started + seconds[-1] > budget.seconds
+            if steps is None and (spent or self.model.idle):
                 return seconds
             last = now
 

@@ -19,7 +19,6 @@ from tissue_interfaces.msg import Status, Topology
 
 from tissue_sim import conversions
 from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
-from tissue_sim.elastic import registry
 from tissue_sim.frame import Frame
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
@@ -28,6 +27,7 @@ from tissue_sim.interaction.tracker import ACTIVE, FREE
 from tissue_sim.live import LiveSimulation, mesh_for_keyframe
 from tissue_sim.node_main import declare, overrides, run
 from tissue_sim.realtime import FixedRate, prepare_process
+from tissue_sim.rehearsal import rehearse
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
 from tissue_sim.simulation_services import SimulationServices
@@ -108,7 +108,7 @@ class SimulationNode(Node):
         )
         for line in geometry.report.mended:
             self.get_logger().info(line)
-        registry.warm_up()
+        rehearse()
         seed = values["seed"]
         epoch = hashlib.blake2b(str(seed).encode(), digest_size=16).digest() if seed else None
         simulation = Simulation(geometry.mesh, self._settings.scene, epoch)
@@ -145,6 +145,8 @@ class SimulationNode(Node):
                     self._finish()
                     return
         except Exception as error:
+            if not self.context.ok():
+                return  # Ctrl-C took the publishers away in the middle of a frame.
             # The loop must not end silently: whoever looks at the status or the exit code sees it.
             self.exit_code = 1
             self.get_logger().fatal(f"the simulation failed: {type(error).__name__}: {error}")

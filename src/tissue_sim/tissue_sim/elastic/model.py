@@ -142,6 +142,10 @@ class Model(Protocol):
     time_step: float | None
     has_forces: bool
 
+    @property
+    def idle(self) -> bool:
+        """Whether a further step would change nothing, so that the frame's time can be given back."""
+
     def step(self, state: State) -> None:
         """Advance by one sweep, time step or iteration. Modifies the state in place."""
 

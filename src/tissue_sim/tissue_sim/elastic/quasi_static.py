@@ -72,6 +72,11 @@ class QuasiStatic(SpringModel):
         self._step = self.scalar(self.values["step"])
         self._threshold = self.values["threshold"]
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is swept."""
+        return self.active.count == 0
+
     def step(self, state: State) -> None:
         """One sweep. Modifies the state in place."""
         self.active.sweep(state, self._step, self._threshold)

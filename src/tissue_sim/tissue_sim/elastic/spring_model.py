@@ -49,6 +49,11 @@ class SpringModel(ABC):
         self.values = defaults | parameters
         self.springs = springs if springs is not None else SpringNetwork(mesh, material)
 
+    @property
+    def idle(self) -> bool:
+        """Whether a further step would change nothing; a model that cannot tell says no."""
+        return False
+
     def scalar(self, value: float) -> np.floating:
         """A number in the precision of the kernels."""
         return self.springs.dtype(value)

@@ -1,0 +1,64 @@
+"""A rehearsal of everything a frame may do, so that no frame waits for a kernel to be compiled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tissue_sim.elastic import registry
+from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
+from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.interaction.tools import ToolSpec
+from tissue_sim.scene import Scene
+from tissue_sim.simulation import Simulation
+
+CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1))
+TOOL = ToolSpec("rehearsal", size=(0.002,))
+
+
+def rehearse() -> None:
+    """Grab, pull, split and release two tetrahedra with every model.
+
+    Kernels are compiled, or loaded from the cache, at their first call: tens of milliseconds each.
+    """
+    for name in registry.names():
+        _rehearse(Scene(model=name, tools=(TOOL,)))
+
+
+def _rehearse(scene: Scene) -> None:
+    tets = np.array([[0, 1, 2, 3], [1, 4, 2, 3]])
+    corners = 0.01 * np.array(CORNERS, dtype=np.float64)
+    mesh = Mesh(RawMesh(corners, tets), np.array([True, False, False, False, False]))
+    simulation = Simulation(mesh, scene)
+    budget = Budget(steps=3)
+    at = np.array([*corners[4], 0.0, 0.0, 0.0, 1.0])
+    pressed = ToolSample(TOOL.id, at, 1, True, 1)
+    moved = replace(pressed, pose=at + 0.001 * np.eye(7)[0], edge=0)
+    simulation.advance(FrameInputs(tools=(pressed,)), budget)
+    simulation.advance(FrameInputs(tools=(moved,)), budget)
+    simulation.advance(FrameInputs(edits=(_split(),), tools=(moved,)), budget)
+    simulation.advance(FrameInputs(tools=(replace(moved, use=False, edge=-1),)), budget)
+    grab = Command("grab", {"tool": TOOL.id, "radius": 0.002})
+    simulation.advance(FrameInputs(commands=(grab,)), budget)
+    simulation.model.residual(simulation.state)
+
+
+def _split() -> TopologyEdit:
+    """Part the two elements at their common face, and move a node of it."""
+    face = np.array([1, 2, 3], dtype=np.uint32)
+    copies = (PROVISIONAL + np.arange(3)).astype(np.uint32)
+    return TopologyEdit(
+        base_version=1,
+        read_nodes=face,
+        moved_nodes=face[:1],
+        moved_rest=0.01 * np.array([[0.9, 0.05, 0.05]]),
+        moved_anchors=np.array([[0, 1, 2, 3]], dtype=np.uint32),
+        moved_weights=np.array([[0.0, 0.9, 0.05, 0.05]]),
+        copied_nodes=copies,
+        copy_parents=face,
+        rewritten_elements=np.array([1], dtype=np.uint32),
+        rewritten_nodes=np.array([[copies[0], 4, copies[1], copies[2]]], dtype=np.uint32),
+    )
