@@ -59,12 +59,18 @@ class LocalRelaxation(SpringModel):
         self.relaxation = RelaxationPass(self.springs, self.values)
         self._sweeps = int(self.values["sweeps"])
         self._step = self.scalar(self.values["step"])
+        self._outside = 0
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is swept and no spring was outside its limits."""
+        return self.active.count == 0 and self._outside == 0
 
     def step(self, state: State) -> None:
         """The sweeps and one run of relaxation. Modifies the state in place."""
         for _ in range(self._sweeps):
             self.active.sweep(state, self._step)
-        self.relaxation.run(state)
+        self._outside = self.relaxation.run(state)
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order nodes and springs anew from the held nodes."""
