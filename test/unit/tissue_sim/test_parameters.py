@@ -114,7 +114,7 @@ def test_poses_go_through_a_chain_of_frames() -> None:
     pose = frames.pose_in_organ("robot", np.array([0.5, 0, 0, 0, 0, 0, 1.0]))
     np.testing.assert_allclose(pose, [1, 2.5, 0, 0, 0, QUARTER, QUARTER], atol=1e-12)
     points = frames.points_in_organ("robot", np.array([[0.5, 0, 0], [0.0, 1, 0]]))
-    np.testing.assert_allclose(points, [[1, 2.5, 0], [0, 2, 0]], atol=1e-12)
+    np.testing.assert_allclose(points, np.array([[1, 2.5, 0], [0, 2, 0]]), atol=1e-12)
 
 
 def test_the_organ_may_be_a_child_itself() -> None:

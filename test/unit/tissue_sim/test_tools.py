@@ -58,5 +58,5 @@ def test_a_triangle_stands_on_the_tip_and_turns_with_the_tool() -> None:
     assert triangles.tolist() == [[0, 1, 2]]
     # z of the tool points along -y now.
     np.testing.assert_allclose(
-        corners, [[0, 0, 0], [0.02, -0.02, 0], [-0.02, -0.02, 0]], atol=1e-12
+        corners, np.array([[0, 0, 0], [0.02, -0.02, 0], [-0.02, -0.02, 0]]), atol=1e-12
     )
