@@ -13,6 +13,7 @@ def bench(
     seconds: Annotated[float, typer.Option(min=0.05, help="Time to measure each row.")] = 1.0,
 ) -> None:
     """Steps a second of every model, next to what the machine's memory allows."""
-    from tissue_sim.bench import run_bench
+    from tissue_sim.bench import print_table, run_bench
 
-    raise typer.Exit(run_bench(out, seconds))
+    print_table(run_bench(out, seconds))
+    typer.echo(f"written to {out}")

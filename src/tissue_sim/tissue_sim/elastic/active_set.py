@@ -74,6 +74,11 @@ class ActiveSet:
         """Nodes that the next sweep visits."""
         return self.end + self.lingering.count
 
+    def visited(self) -> NDArray[np.uint32]:
+        """Nodes that the next sweep visits, in its order."""
+        lingering = self.lingering.nodes[: self.lingering.count]
+        return np.concatenate([self.ordering.nodes[: self.end], lingering])
+
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order the nodes anew from the held ones and let the others come to rest."""
         self._match_capacity()

@@ -9,16 +9,21 @@ from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.kernels import orderings
 from tissue_sim.kernels.springs import sweep_nodes_with_momentum
+from tissue_sim.kernels.unflipping import unflip_nodes
 
 WIDEN_EVERY = 8
 """Sweeps between two looks for nodes that something else has displaced meanwhile."""
+
+UNFLIP_WITHIN = 32
+"""Sweeps within which every lingering node's elements are looked at once for inversion."""
 
 
 class Lingering:
     """Nodes outside the region that are swept until none of them moves any more.
 
     With momentum they return in a fraction of the sweeps: each node first repeats a share of its
-    last move (Polyak's heavy ball).
+    last move (Polyak's heavy ball). Elements that the pull has turned inside out, which springs
+    would leave so, are turned back on the way.
 
     Attributes:
         nodes: Rows in the order of the sweep; valid in [0, count), uint32.
@@ -37,7 +42,7 @@ class Lingering:
         """
         self.springs, self._joins = springs, joins
         self._momentum = springs.dtype(momentum)
-        self.count = self._sweeps = 0
+        self.count = self._sweeps = self._since_flip = 0
         capacity = springs.mesh.node_capacity
         self.nodes = np.zeros(capacity, dtype=np.uint32)
         self.member = np.zeros(capacity, dtype=np.bool_)
@@ -66,6 +71,8 @@ class Lingering:
             begin: Place in it where the region ends.
             displaced: Whether displaced nodes of `elsewhere` become members.
         """
+        if not displaced or not self.count:
+            self._since_flip = 0
         orderings.leave_lingering(order.nodes, begin, self.member)
         self.count = orderings.pick_lingering(
             order.nodes, begin, order.used, state.displacement, state.prescribed,
@@ -76,14 +83,24 @@ class Lingering:
         """One sweep. Modifies the state in place.
 
         Returns:
-            Largest squared distance that a node moved [m^2].
+            Largest squared distance that a node moved [m^2]; infinite as long as elements may be
+            inverted.
         """
         self._sweeps += 1
         if self._joins and self._sweeps % WIDEN_EVERY == 0:
             self.choose(state, order, begin, displaced=True)
-        return float(
+        moved = float(
             sweep_nodes_with_momentum(
                 self.nodes, 0, self.count, self.springs.arrays, state.prescribed, step,
                 self._momentum, self.springs.tiny, state.displacement, self._last_move,
             )
         )  # fmt: skip
+        part = self._sweeps % UNFLIP_WITHIN
+        put_back = unflip_nodes(
+            self.nodes, self.count * part // UNFLIP_WITHIN,
+            self.count * (part + 1) // UNFLIP_WITHIN, self.springs.elements, self.springs.arrays,
+            state.displacement, self._last_move,
+        )  # fmt: skip
+        # Rest counts only when all elements have been looked at since the last one was turned.
+        self._since_flip = 0 if put_back else self._since_flip + 1
+        return moved if self._since_flip >= UNFLIP_WITHIN else np.inf

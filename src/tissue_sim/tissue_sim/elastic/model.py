@@ -144,7 +144,7 @@ class Model(Protocol):
 
     @property
     def idle(self) -> bool:
-        """Whether a further step would change nothing, so that the frame's time can be given back."""
+        """Whether a further step would change nothing: the frame's time can be given back."""
 
     def step(self, state: State) -> None:
         """Advance by one sweep, time step or iteration. Modifies the state in place."""

@@ -117,7 +117,7 @@ class SpringNetwork:
         kinds = np.empty(len(edges), dtype=np.int8)
         rows = np.empty(len(edges), dtype=np.int32)
         self.rows, self._used = networks.repair(
-            edges, self.springs, self.rows, self._lists, self._used, self._elements(),
+            edges, self.springs, self.rows, self._lists, self._used, self.elements,
             self._rest, self.material.young_modulus, self._scratch(), kinds, rows,
         )  # fmt: skip
         self.version = version
@@ -125,7 +125,9 @@ class SpringNetwork:
         self.last_change = SpringChange(version, rows[touched], kinds[touched])
         return self.last_change
 
-    def _elements(self) -> networks.Elements:
+    @property
+    def elements(self) -> networks.Elements:
+        """The mesh for the kernels; edits may replace the arrays."""
         mesh, incident = self.mesh, self.mesh.incident
         return networks.Elements(
             mesh.rest, mesh.tets, incident.start, incident.count, incident.data
@@ -136,7 +138,7 @@ class SpringNetwork:
         return np.empty(longest + 1, dtype=np.int32)
 
     def _weigh(self, nodes: NDArray[np.int32]) -> None:
-        networks.node_volumes(nodes, self._elements(), self._scratch(), self.masses)
+        networks.node_volumes(nodes, self.elements, self._scratch(), self.masses)
         self.masses[nodes] *= self.material.density
 
     def _build_rows(self) -> tuple[networks.Springs, int]:
@@ -150,7 +152,7 @@ class SpringNetwork:
             np.arange(capacity) < rows,
         )  # fmt: skip
         networks.measure_springs(
-            springs, rows, self._elements(), self._rest,
+            springs, rows, self.elements, self._rest,
             self.material.young_modulus, self._scratch(),
         )  # fmt: skip
         return springs, rows

@@ -1,0 +1,299 @@
+"""Steps a second of every model, next to what the machine allows and to the thesis' figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from tissue_sim.elastic import registry
+from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.model import Material, State
+from tissue_sim.elastic.ordering import WHOLE_ORGAN
+from tissue_sim.elastic.quasi_static import QuasiStatic
+from tissue_sim.elastic.relaxation import Relaxation
+from tissue_sim.elastic.spring_mass import SpringMass
+from tissue_sim.elastic.spring_model import SpringModel
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry import scene_geometry
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.machine import root_and_quotient, triad
+
+REPEATS = 5
+TRIAD_NUMBERS = 32 * 1024 * 1024
+HOLD_SPEED = 0.1
+"""Speed of the hold while a model is timed [m/s]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one row measures.
+
+    Attributes:
+        label: Name of the row.
+        model: Name of the model.
+        geometry: Name of the generated geometry.
+        parameters: Values that differ from the defaults.
+        released: Whether the hold is let go before the timing.
+        thesis_fps: The thesis' frames a second on its 2003 desktop.
+    """
+
+    label: str
+    model: str
+    geometry: str
+    parameters: tuple[tuple[str, float], ...] = ()
+    released: bool = False
+    thesis_fps: float | None = None
+
+
+ALL_NODES = (("levels", float(WHOLE_ORGAN)),)
+CASES = (
+    Case("quasi_static, all nodes", "quasi_static", "wall", ALL_NODES, thesis_fps=57),
+    Case("spring_mass", "spring_mass", "wall", thesis_fps=86),
+    Case("relaxation, one pass", "relaxation", "wall", thesis_fps=106),
+    Case("lr, L = 4, one pass", "lr", "wall"),
+    Case("quasi_static, all nodes", "quasi_static", "heart", ALL_NODES),
+    Case("quasi_static, L = 4", "quasi_static", "heart", (("levels", 4.0),)),
+    Case("spring_mass", "spring_mass", "heart"),
+    Case("relaxation, one pass", "relaxation", "heart"),
+    Case("lr, L = 4, one pass", "lr", "heart", thesis_fps=20),
+    Case("lr, after a release", "lr", "heart", released=True),
+)
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a step must do at least.
+
+    Attributes:
+        moved: Bytes to and from memory with every array touched once (docs/sweeps.md).
+        roots: Square roots, each with a division.
+        nodes: Nodes visited.
+        springs: Springs visited, those of node sweeps twice.
+    """
+
+    moved: int
+    roots: int
+    nodes: int
+    springs: int
+
+
+def run_bench(out: Path | None = Path("out/bench.json"), seconds: float = 1.0) -> dict[str, Any]:
+    """Measure every case.
+
+    Args:
+        out: File to write; None writes nothing.
+        seconds: Time for each row [s].
+
+    Returns:
+        Machine, triad and rows as in the file.
+    """
+    registry.warm_up()
+    bandwidth, root_time = measure_triad(), measure_roots()
+    meshes: dict[str, Mesh] = {}
+    networks: dict[str, SpringNetwork] = {}
+    rows = []
+    for case in CASES:
+        if case.geometry not in meshes:
+            meshes[case.geometry] = scene_geometry.load(case.geometry).mesh
+            networks[case.geometry] = SpringNetwork(meshes[case.geometry], Material())
+        rows.append(measure(case, networks[case.geometry], seconds, bandwidth, root_time))
+    result = {
+        "machine": machine(),
+        "triad_GBps": bandwidth / 1e9,
+        "roots_per_second": 1.0 / root_time,
+        "rows": rows,
+    }
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(result, indent=2) + "\n")
+    return result
+
+
+def machine() -> dict[str, Any]:
+    """What was measured on."""
+    name = platform.processor()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        name = names[0].partition(":")[2].strip() if names else name
+    return {
+        "processor": name,
+        "cores": len(os.sched_getaffinity(0)),
+        "load_average": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "numba": numba.__version__,
+        "system": platform.platform(),
+    }
+
+
+def measure_triad() -> float:
+    """Memory bandwidth of one thread, a = b + s c with single precision numbers [B/s]."""
+    a, b, c = (np.ones(TRIAD_NUMBERS, dtype=np.float32) for _ in range(3))
+    triad(a, b, c, np.float32(3.0))
+    return (
+        3 * a.nbytes / min(_timed(lambda: triad(a, b, c, np.float32(3.0))) for _ in range(REPEATS))
+    )
+
+
+def measure_roots() -> float:
+    """Time of a square root and a division in a loop that nothing else holds up [s]."""
+    numbers = np.linspace(1.0, 2.0, 100_000, dtype=np.float32)
+    one = np.float32(1.0)
+    root_and_quotient(numbers, one)
+    times = [_timed(lambda: root_and_quotient(numbers, one)) for _ in range(4 * REPEATS)]
+    return min(times) / len(numbers)
+
+
+def _timed(work: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
+
+
+def measure(
+    case: Case, springs: SpringNetwork, seconds: float, bandwidth: float, root_time: float
+) -> dict[str, Any]:
+    """Measure one case.
+
+    Args:
+        case: What to measure.
+        springs: Network of the case's geometry.
+        seconds: Time for all repeats together [s].
+        bandwidth: Memory bandwidth [B/s].
+        root_time: Time of a square root and a division [s].
+
+    Returns:
+        A row of the table.
+    """
+    mesh = springs.mesh
+    model = registry.MODELS[case.model](
+        mesh,
+        springs.material,
+        registry.checked_parameters(case.model, dict(case.parameters)),
+        springs,
+    )
+    state, held = State(mesh), hold_for(mesh)
+    model.prescribed_changed(state, held[:0])
+    state.prescribed[held] = True
+    model.prescribed_changed(state, held)
+    _pull(model, state, held, seconds / REPEATS)
+    if case.released:
+        state.prescribed[held] = mesh.fixed[held]
+        model.prescribed_changed(state, held[:0])
+        held = held[:0]
+    rates = [_pull(model, state, held, seconds / REPEATS) for _ in range(REPEATS)]
+    rate = statistics.median(rates)
+    work = work_of(model, state)
+    at_memory, at_arithmetic = work.moved / bandwidth, work.roots * root_time
+    return {
+        "model": case.label,
+        "geometry": case.geometry,
+        "nodes": int(mesh.node_alive.sum()),
+        "elements": int(mesh.element_alive.sum()),
+        "active_nodes": work.nodes,
+        "springs_visited": work.springs,
+        "threads": 1,
+        "steps_per_second": rate,
+        "ms_per_step": 1e3 / rate,
+        "bytes_per_step": work.moved,
+        "limit": "memory" if at_memory >= at_arithmetic else "arithmetic",
+        "limit_share": max(at_memory, at_arithmetic) * rate,
+        "thesis_fps": case.thesis_fps,
+        "parameters": asdict(case)["parameters"],
+    }
+
+
+def hold_for(mesh: Mesh) -> NDArray[np.int32]:
+    """Free nodes of a sphere of a twelfth of the organ's size around its free node farthest out."""
+    points = mesh.rest[: mesh.node_rows]
+    free = ~mesh.fixed[: mesh.node_rows]
+    fixed = points[~free].mean(axis=0) if (~free).any() else points.mean(axis=0)
+    distance = np.where(free, np.linalg.norm(points - fixed, axis=1), 0.0)
+    centre = points[np.argmax(distance)]
+    radius = float(np.ptp(points, axis=0).max()) / 12
+    near = free & (np.linalg.norm(points - centre, axis=1) <= radius)
+    return np.flatnonzero(near).astype(np.int32)
+
+
+def _pull(model: SpringModel, state: State, held: NDArray[np.int32], seconds: float) -> float:
+    """Steps a second while the hold swings by a centimetre; at least three steps are done."""
+    steps, begin = 0, time.perf_counter()
+    while True:
+        passed = time.perf_counter() - begin
+        if passed >= seconds and steps >= 3:
+            return steps / passed
+        if len(held):
+            state.displacement[held, 2] = 0.01 * np.sin(passed * HOLD_SPEED / 0.01)
+        model.step(state)
+        steps += 1
+
+
+def work_of(model: SpringModel, state: State) -> Work:
+    """What a step of a model must do at least, as the state is now."""
+    springs = model.springs
+    if isinstance(model, QuasiStatic):
+        return _node_sweep(model.springs, model.active.visited())
+    if isinstance(model, Relaxation):
+        return _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+    if isinstance(model, LocalRelaxation):
+        sweep = _node_sweep(springs, model.active.visited())
+        relaxation = _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+        return Work(
+            sweep.moved + relaxation.moved,
+            sweep.roots + relaxation.roots,
+            relaxation.nodes,
+            sweep.springs + relaxation.springs,
+        )
+    if isinstance(model, SpringMass):
+        return _time_step(springs)
+    raise TypeError(f"nobody has counted the work of {type(model).__name__}")
+
+
+def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
+    ends = int(springs.arrays.degree[nodes].sum())
+    return Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
+
+
+def _relaxation(springs: SpringNetwork, listed: int, outside: int) -> Work:
+    nodes = int(springs.mesh.node_alive.sum())
+    return Work(12 * listed + 37 * nodes, 2 * outside, nodes, listed)
+
+
+def _time_step(springs: SpringNetwork) -> Work:
+    nodes = int(springs.mesh.node_alive.sum())
+    ends = int(springs.arrays.degree.sum())
+    return Work(12 * ends + 109 * nodes, ends, nodes, ends)
+
+
+def print_table(result: dict[str, Any], console: Console | None = None) -> None:
+    """Print the rows of a result."""
+    triad_text = f"triad {result['triad_GBps']:.1f} GB/s, one thread"
+    table = Table(title=f"{result['machine']['processor']}, {triad_text}")
+    for heading in ("geometry", "model"):
+        table.add_column(heading)
+    for heading in (
+        "nodes", "active", "springs/step", "ms/step", "steps/s", "of the limit", "limit",
+        "thesis, 2003",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for row in result["rows"]:
+        thesis = f"{row['thesis_fps']:.0f}/s" if row["thesis_fps"] else ""
+        table.add_row(
+            row["geometry"], row["model"], f"{row['nodes']:,}", f"{row['active_nodes']:,}",
+            f"{row['springs_visited']:,}", f"{row['ms_per_step']:.3f}",
+            f"{row['steps_per_second']:,.0f}", f"{row['limit_share']:.0%}", row["limit"], thesis,
+        )  # fmt: skip
+    (console or Console()).print(table)

@@ -1,0 +1,28 @@
+"""Loops that measure the machine."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tissue_sim.kernels.springs import FAST
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def triad(
+    a: NDArray[np.floating], b: NDArray[np.floating], c: NDArray[np.floating], s: np.floating
+) -> None:
+    """Write b + s c to `a`."""
+    for i in range(len(a)):
+        a[i] = b[i] + s * c[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def root_and_quotient(numbers: NDArray[np.floating], one: np.floating) -> np.floating:
+    """Sum of 1 / (r (r + 1)) with r the root of each number: a root and a division, as a spring."""
+    total = one - one
+    for i in range(len(numbers)):
+        root = np.sqrt(numbers[i])
+        total += one / (root * (root + one))
+    return total
