@@ -26,7 +26,7 @@ from tissue_sim.interaction.reaction import NOTHING, ForceLimiter
 from tissue_sim.interaction.tracker import ACTIVE, FREE
 from tissue_sim.live import LiveSimulation, mesh_for_keyframe
 from tissue_sim.node_main import declare, overrides, run
-from tissue_sim.realtime import FixedRate, prepare_process
+from tissue_sim.realtime import FixedRate, prepare_process, take_priority
 from tissue_sim.rehearsal import rehearse
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
@@ -85,6 +85,11 @@ class SimulationNode(Node):
         group = MutuallyExclusiveCallbackGroup()
         self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
         prepare_process()
+        # The executor's thread holds Python's lock at times: the loop must not wait for a thread
+        # that others keep from running.
+        refused = take_priority(max(self._values["realtime_priority"] - 1, 0))
+        if refused:
+            self.get_logger().info(refused)
         self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
         self._thread.start()
 
@@ -136,6 +141,7 @@ class SimulationNode(Node):
     # The loop thread
 
     def _run(self) -> None:
+        take_priority(self._values["realtime_priority"])
         try:
             self._wait_for_others()
             self._rate.start()

@@ -39,6 +39,11 @@ SPECS = (
         unit="ms", minimum=0.1, maximum=1000.0, live=True,
     ),
     Spec(
+        "realtime_priority", "integer", 50,
+        "Priority of the loop under SCHED_FIFO, where the system allows it; 0: an ordinary thread.",
+        minimum=0, maximum=99,
+    ),
+    Spec(
         "steps_per_frame", "integer", 0, "Exactly so many model steps in each frame; 0: by time.",
         minimum=0, maximum=100000, live=True,
     ),
