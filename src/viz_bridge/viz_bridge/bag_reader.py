@@ -6,16 +6,23 @@ import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
+from mcap.records import Message as Record
 from mcap.summary import Summary
+from zstandard import ZstdError
 
 from viz_bridge.bag_writer import bag_files
 from viz_bridge.cdr import Decoder, Message
 
 KNOWN = ("tissue/state", "tissue/topology", "tissue/journal", "tissue/edits", "tissue/status")
+
+
+DAMAGE = (McapError, EOFError, OSError, RuntimeError, ValueError, struct.error, ZstdError)
+"""What the reader and the decompressors raise on bytes that are no MCAP file."""
 
 
 class BagError(ValueError):
@@ -79,7 +86,7 @@ def summaries(bag: Path) -> dict[Path, Summary]:
         with path.open("rb") as stream:
             try:
                 summary = make_reader(stream).get_summary()
-            except (McapError, ValueError, EOFError, struct.error):
+            except DAMAGE:
                 summary = None
         if summary is None or summary.statistics is None:
             raise BagError(
@@ -106,7 +113,7 @@ def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMess
     for path in summaries(bag):
         with path.open("rb") as stream:
             try:
-                for schema, channel, record in make_reader(stream).iter_messages(topics=wanted):
+                for schema, channel, record in _messages(stream, wanted):
                     yield BagMessage(
                         channel.topic,
                         schema.name if schema is not None else "",
@@ -115,8 +122,15 @@ def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMess
                         record.data,
                         decoders.of(schema, channel),
                     )
-            except McapError as error:
+            except DAMAGE as error:
                 raise BagError(f"{path} is damaged: {error}") from None
+
+
+def _messages(
+    stream: BinaryIO, wanted: list[str] | None
+) -> Iterator[tuple[Schema | None, Channel, Record]]:
+    reader = make_reader(stream, validate_crcs=True)
+    return reader.iter_messages(topics=wanted)
 
 
 def topic_counts(bag: Path) -> dict[str, int]:

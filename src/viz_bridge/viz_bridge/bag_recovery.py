@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from viz_bridge.bag_metadata import FILE_NAME
-from viz_bridge.bag_reader import BagError, read_bag
+from viz_bridge.bag_reader import DAMAGE, BagError, read_bag, summaries
 from viz_bridge.bag_writer import BagOptions, BagWriter, Origin, bag_files
 from viz_bridge.cdr import CdrError
 
 _JOURNAL = "/tissue/journal"
-_TORN = (McapError, CRCValidationError, EOFError, ValueError, MemoryError, OSError)
 
 
 @dataclass
@@ -110,19 +108,19 @@ def recover(bag: Path, target: Path, progress: Callable[[int], None] | None = No
     saved = 0
     try:
         for path in files:
-            channels: dict[int, tuple[Channel, Schema | None]] = {}
-            schemas: dict[int, Schema] = {}
+            known = _Definitions(path)
             for record in _records(path, torn):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = (record, schemas.get(record.schema_id))
-                elif isinstance(record, Metadata) and record.name != "rosbag2":
+                known.learn(record)
+                if isinstance(record, Metadata) and record.name != "rosbag2":
                     writer.describe(record.name, dict(record.metadata))
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    saved += _save(writer, record, *channels[record.channel_id])
+                elif isinstance(record, Attachment):
+                    writer.attach(record.name, record.media_type, record.data)
+                elif isinstance(record, Message):
+                    saved += _save(writer, record, *known.of(record.channel_id))
                     if progress is not None:
                         progress(saved)
+            if known.unknown:
+                torn.append(f"{path.name}: {known.unknown} messages whose definition is lost")
     finally:
         writer.describe("tissue_sim/recovery", {"recovered_from": str(bag)})
         info = writer.close(timeout=600.0)
@@ -131,17 +129,55 @@ def recover(bag: Path, target: Path, progress: Callable[[int], None] | None = No
     return Recovery(info.messages, info.seconds, tuple(torn))
 
 
-def _records(path: Path, torn: list[str]) -> Iterator[McapRecord]:
-    with path.open("rb") as stream:
-        reader = StreamReader(stream, validate_crcs=True)
+class _Definitions:
+    """Channels and schemas met so far in one file, and those in its index if it has one."""
+
+    def __init__(self, path: Path) -> None:
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self.unknown = 0
         try:
-            yield from reader.records
-        except _TORN as error:
+            (summary,) = summaries(path).values()
+        except BagError:
+            return
+        self._schemas.update(summary.schemas)
+        self._channels.update(summary.channels)
+
+    def learn(self, record: McapRecord) -> None:
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record
+
+    def of(self, channel_id: int) -> tuple[Channel | None, Schema | None]:
+        channel = self._channels.get(channel_id)
+        schema = self._schemas.get(channel.schema_id) if channel is not None else None
+        self.unknown += schema is None
+        return channel, schema
+
+
+def _records(path: Path, torn: list[str]) -> Iterator[McapRecord]:
+    """All records that can be read; damaged chunks are passed over."""
+    with path.open("rb") as stream:
+        try:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if not isinstance(record, Chunk):
+                    yield record
+                    continue
+                try:
+                    inside = breakup_chunk(record, validate_crc=True)
+                except DAMAGE as error:
+                    torn.append(f"{path.name}: a chunk is damaged ({error})")
+                    continue
+                yield from inside
+        except DAMAGE as error:
             torn.append(f"{path.name}: {str(error) or 'it ends in the middle of a record'}")
 
 
-def _save(writer: BagWriter, record: Message, channel: Channel, schema: Schema | None) -> int:
-    if schema is None:
+def _save(
+    writer: BagWriter, record: Message, channel: Channel | None, schema: Schema | None
+) -> int:
+    if schema is None or channel is None:
         return 0
     origin = Origin(
         _qos(channel.metadata.get("offered_qos_profiles", "")),

@@ -64,15 +64,18 @@ def cadence(
     taken = (received - stamps[0]).astype(np.float64)
     slots = np.empty(count, dtype=np.int64)
     late = np.zeros(count, dtype=np.bool_)
+    phase = 0.0
     for first in range(0, count, BLOCK):
         block = slice(first, first + BLOCK)
-        phase = _phase(begun[block], period)
+        near = _phase(begun[block], period)
+        # The grid drifts on from where it was: it never jumps by a period.
+        phase = near + np.round((phase - near) / period) * period if first else near
         slots[block] = np.floor((begun[block] - phase) / period + EARLY)
         deadlines = phase + slots[block] * period
         late[block] = taken[block] - deadlines > 0.5 * period
     steps = np.diff(slots)
     skipped = int(np.maximum(steps - np.diff(frames), 0).sum())
-    hz = span / seconds if seconds > 0 else 0.0
+    hz = float(span / seconds) if seconds > 0 else 0.0
     return Cadence(count, lost, hz, int(late.sum()) + skipped, skipped, float(seconds))
 
 
