@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tissue_sim.elastic.lingering import WIDEN_EVERY
 from tissue_sim.elastic.local_relaxation import LocalRelaxation
 from tissue_sim.elastic.model import Material, Model, Parameter, State
 from tissue_sim.elastic.quasi_static import QuasiStatic
@@ -11,6 +12,7 @@ from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 
@@ -113,11 +115,12 @@ def warm_up(dtype: type[np.floating] = np.float32) -> None:
     """Compile, or load from the cache, every kernel, so that no frame has to wait for it."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=np.float64)
     tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
-    mesh = Mesh(RawMesh(corners, tets), np.array([True, False, False, False, False]))
-    springs = SpringNetwork(mesh, Material(), dtype)
     held = np.array([4], dtype=np.int32)
     for name in names():
-        model = MODELS[name](mesh, Material(), checked_parameters(name, {}), springs)
+        mesh = Mesh(RawMesh(corners, tets), np.arange(len(corners)) == 0)
+        model = MODELS[name](
+            mesh, Material(), checked_parameters(name, {}), SpringNetwork(mesh, Material(), dtype)
+        )
         state = State(mesh, dtype)
         state.prescribed[held] = True
         model.prescribed_changed(state, held)
@@ -127,5 +130,19 @@ def warm_up(dtype: type[np.floating] = np.float32) -> None:
         model.residual(state)
         state.prescribed[held] = False
         model.prescribed_changed(state, held[:0])
-        for _ in range(3):
+        change = mesh.apply(_small_split(mesh))
+        state.follow(mesh, change)
+        model.topology_changed(change, state)
+        for _ in range(2 * WIDEN_EVERY):
             model.step(state)
+
+
+def _small_split(mesh: Mesh) -> TopologyEdit:
+    copy = np.array([PROVISIONAL], dtype=np.uint32)
+    return TopologyEdit(
+        mesh.version,
+        copied_nodes=copy,
+        copy_parents=np.array([1], dtype=np.uint32),
+        rewritten_elements=np.array([1], dtype=np.uint32),
+        rewritten_nodes=np.array([[PROVISIONAL, 2, 3, 4]], dtype=np.uint32),
+    )

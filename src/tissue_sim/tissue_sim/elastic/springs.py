@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.incidence import sorted_unique
 from tissue_sim.geometry.mesh import NO_ROW, Mesh
 from tissue_sim.kernels import networks
 from tissue_sim.kernels.springs import TINY, SpringArrays
@@ -230,6 +231,7 @@ def _padded(array: NDArray, rows: int) -> NDArray:
 
 def _edges_of(tets: NDArray[np.int32]) -> NDArray[np.int32]:
     """Distinct edges of elements, lower row first, sorted, shape (n, 2)."""
-    pairs = np.sort(tets[:, EDGES_OF_TET].reshape(-1, 2), axis=1).astype(np.int64)
-    keys = np.unique(pairs[:, 0] << 32 | pairs[:, 1])
+    first, second = tets[:, EDGES_OF_TET[:, 0]].ravel(), tets[:, EDGES_OF_TET[:, 1]].ravel()
+    keys = np.minimum(first, second).astype(np.int64) << 32
+    keys = sorted_unique(keys | np.maximum(first, second))
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
