@@ -22,7 +22,7 @@ class Cadence:
         frames: States received.
         lost: Frame numbers that never arrived.
         hz: Frames published a second, on average.
-        late: Frames received more than half a period after their deadline, and deadlines skipped.
+        late: Frames published more than half a period after their deadline, and deadlines skipped.
         skipped: Deadlines without a frame.
         seconds: From the first to the last frame.
     """
@@ -38,7 +38,7 @@ class Cadence:
 def cadence(
     frames: NDArray[np.int64],
     stamps: NDArray[np.int64],
-    received: NDArray[np.int64],
+    published: NDArray[np.int64],
     rate_hz: float,
 ) -> Cadence:
     """Judge the states of one epoch.
@@ -49,7 +49,7 @@ def cadence(
     Args:
         frames: Frame numbers, ascending, shape (n,).
         stamps: Times at the start of the frames [ns].
-        received: Times of receipt [ns].
+        published: Times of publishing [ns].
         rate_hz: Frames a second that are due.
     """
     count = len(frames)
@@ -61,7 +61,7 @@ def cadence(
     period = 1e9 / rate_hz
     # Relative to the first stamp: floats keep nanoseconds for days.
     begun = (stamps - stamps[0]).astype(np.float64)
-    taken = (received - stamps[0]).astype(np.float64)
+    taken = (published - stamps[0]).astype(np.float64)
     slots = np.empty(count, dtype=np.int64)
     late = np.zeros(count, dtype=np.bool_)
     phase = 0.0

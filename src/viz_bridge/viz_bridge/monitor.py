@@ -64,12 +64,14 @@ class MonitorNode(Node):
         self._cpu.sample()
         self.write()
 
-    def _on_state(self, data: bytes) -> None:
+    def _on_state(self, data: bytes, info: dict[str, int]) -> None:
         received = time.time_ns()
         state = self._decoder(data)
         stamp = nanoseconds(state.header.stamp)
         frames = self._epochs.setdefault(state.epoch.tobytes(), [])
-        frames.append((int(state.frame), stamp, received))
+        # The middleware stamps a message when it is published: that, not how soon this process was
+        # given the processor, decides what is late.
+        frames.append((int(state.frame), stamp, int(info["source_timestamp"])))
         for tool, posed in zip(state.tool_ids, state.tool_stamps, strict=False):
             self._latency.take(tool, nanoseconds(posed), received)
 
