@@ -1,0 +1,70 @@
+"""Nodes as processes of their own, for tests that kill and restart them."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+END_SECONDS = 30.0
+
+
+class Processes:
+    """Processes by name; each writes into a log named after it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, module: str, *arguments: str) -> None:
+        """Start a module as a program; a restarted one goes on writing the same log."""
+        with self._log_file(name).open("ab") as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=self._folder,
+            )
+
+    def runs(self, name: str) -> bool:
+        """Whether a process has not ended by itself."""
+        return self._running[name].poll() is None
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process that goes on running."""
+        self._running[name].send_signal(number)
+
+    def end(self, name: str, number: signal.Signals) -> int:
+        """Send a signal that ends a process; gives the exit code."""
+        process = self._running.pop(name)
+        process.send_signal(number)
+        return process.wait(timeout=END_SECONDS)
+
+    def log(self, name: str) -> str:
+        """What a process has written so far."""
+        path = self._log_file(name)
+        return path.read_text(errors="replace") if path.exists() else ""
+
+    def close(self) -> None:
+        """Kill what is left and show what everybody wrote."""
+        for process in self._running.values():
+            process.kill()
+        for name, process in self._running.items():
+            process.wait()
+            print(f"--- {name}\n{self.log(name)}")
+
+    def _log_file(self, name: str) -> Path:
+        return self._folder / f"{name.replace('/', '_')}.log"
+
+
+@contextmanager
+def processes(folder: Path) -> Iterator[Processes]:
+    """Processes that end with the block."""
+    made = Processes(folder)
+    try:
+        yield made
+    finally:
+        made.close()
