@@ -30,6 +30,7 @@ _FAR = 2.0
 """A part is far beyond this multiple of its radius."""
 
 _DEPTH = 64
+"""Places on the stack of a walk through the tree, more than any tree is deep."""
 
 
 class SurfaceTree(NamedTuple):
@@ -258,9 +259,12 @@ def _signed_distances(
     places: NDArray[np.float64],
     reach: float,
     offsets: NDArray[np.float64],
+    closed: bool,
     out: NDArray[np.float64],
 ) -> None:
     stack = np.empty(_DEPTH, dtype=np.int64)
+    # Around the last place whose side was found lies a ball without surface, all on that side.
+    px, py, pz, ball, inside = 0.0, 0.0, 0.0, -1.0, False
     for k in range(len(places)):
         x, y, z = places[k, 0], places[k, 1], places[k, 2]
         distance, triangle, v, w = _nearest(tree, x, y, z, reach, stack)
@@ -268,9 +272,15 @@ def _signed_distances(
         if triangle >= 0:
             offset = (1.0 - v - w) * offsets[triangle, 0]
             offset += v * offsets[triangle, 1] + w * offsets[triangle, 2]
-        # What lies within the offset is inside, whatever the side.
-        outside = distance < offset or _winding(tree, x, y, z, stack) <= 0.5
-        out[k] = (distance if outside else -distance) - offset
+        if distance < offset:
+            # What lies within the offset is inside, whatever the side.
+            out[k] = distance - offset
+            continue
+        away = (x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)
+        if not closed or away >= ball * ball:
+            inside = _winding(tree, x, y, z, stack) > 0.5
+        px, py, pz, ball = x, y, z, distance
+        out[k] = (-distance if inside else distance) - offset
 
 
 @njit(cache=True, nogil=True)
@@ -294,6 +304,7 @@ def signed_distances(
     places: NDArray[np.float64],
     reach: float = np.inf,
     offsets: NDArray[np.float64] | None = None,
+    closed: bool = False,
 ) -> NDArray[np.float64]:
     """Distances to the surface [m], negative where the winding number exceeds one half.
 
@@ -303,6 +314,7 @@ def signed_distances(
         reach: Distances beyond this are cut to it [m]; less is faster. Must exceed the offsets.
         offsets: How far the surface is moved outwards at the corners of the tree's triangles [m],
             shape (triangle_count, 3).
+        closed: Whether the surface has no hole; then places in an order of neighbours are faster.
 
     Returns:
         Shape (n,).
@@ -311,7 +323,7 @@ def signed_distances(
         offsets = np.zeros((len(tree.corners), 3))
     out = np.empty(len(places))
     places = np.ascontiguousarray(places, dtype=np.float64)
-    _signed_distances(tree, places, reach, offsets, out)
+    _signed_distances(tree, places, reach, offsets, closed, out)
     return out
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ REGION_NAMES = (
 )  # fmt: skip
 """Cell data taken for the region label, the first one present."""
 
+_RESULTS = re.compile(rb"^\$(\w+Data)\s.*?^\$End\1[ \t]*$\r?\n?", re.DOTALL | re.MULTILINE)
 _IGNORED_CELLS = {"vertex", "line"}
 
 
@@ -26,9 +29,21 @@ def read_gmsh(path: Path) -> RawMesh:
 
     Named physical groups become region names (volumes) and node sets (surfaces, lines, points).
     """
+    return _from_meshio(third_party(_read_gmsh_cells, path, "gmsh .msh"), path)
+
+
+def _read_gmsh_cells(path: Path) -> Any:
+    """Read without results (`$NodeData` and the like): meshio fails on them in text files."""
     import meshio
 
-    return _from_meshio(third_party(meshio.gmsh.read, path, "gmsh .msh"), path)
+    content = path.read_bytes()
+    if content.split(None, 3)[2:3] != [b"0"] or not _RESULTS.search(content):
+        return meshio.gmsh.read(path)
+    # meshio wants a real file.
+    with tempfile.TemporaryDirectory() as folder:
+        cells = Path(folder) / "cells.msh"
+        cells.write_bytes(_RESULTS.sub(b"", content))
+        return meshio.gmsh.read(cells)
 
 
 def read_vtk(path: Path) -> RawMesh:
