@@ -251,11 +251,16 @@ class BagNode(Node):
         self._diagnostics.publish(array)
 
     def _say(self, level: str, text: str) -> None:
-        if self.context.ok():
-            getattr(self.get_logger(), level)(text)
-        else:
+        # One place in the source may log at one severity only.
+        if not self.context.ok():
             # An interrupted node has lost its logger's topic, but not its voice.
             print(f"[{level.upper()}] [bag]: {text}", file=sys.stderr, flush=True)
+        elif level == "error":
+            self.get_logger().error(text)
+        elif level == "warn":
+            self.get_logger().warn(text)
+        else:
+            self.get_logger().info(text)
 
     def _on_start(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         if self._writer is not None and self._writer.ended:
