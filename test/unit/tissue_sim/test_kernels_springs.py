@@ -128,3 +128,13 @@ def test_stiffness_and_mass_are_sums_over_elements() -> None:
         assert springs.springs.stiffness[row] == pytest.approx(plain, rel=1e-12)
     total = MATERIAL.density * volumes.sum()
     assert springs.masses.sum() == pytest.approx(total, rel=1e-12)
+
+
+def test_the_springs_of_any_mesh_sum_to_the_modulus_of_the_material() -> None:
+    mesh = block_mesh(4)
+    springs = SpringNetwork(mesh, MATERIAL, np.float64)
+    used = springs.springs.alive[: springs.rows]
+    k, l0 = springs.springs.stiffness[: springs.rows][used], springs.springs.length[: springs.rows]
+    # The trace C_iijj of the stiffness tensor; 9 lambda + 6 mu = 6 E for lambda = mu = 0.4 E.
+    volume = signed_volumes(mesh.rest, mesh.tets[: mesh.element_rows]).sum()
+    assert (k * l0**2).sum() / volume == pytest.approx(6 * MATERIAL.young_modulus, rel=1e-12)
