@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 from rich.console import Console
 
 from tissue_sim.geometry.check import inspect
+from tissue_sim.geometry.errors import MeshError
 from tissue_sim.geometry.formats import load as load_file
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.scene_geometry import load as load_geometry
@@ -19,7 +21,7 @@ console = Console(highlight=False, soft_wrap=True)
 
 File = Annotated[Path, typer.Argument(help="Mesh file.")]
 Units = Annotated[str, typer.Option(help="Unit of its coordinates: mm or m.")]
-WRITTEN = {".vtu": 1.0, ".vtk": 1.0, ".msh": 1.0, ".stl": 1.0, ".ply": 1.0, ".obj": 1.0}
+WRITTEN = (".vtu", ".vtk", ".msh", ".stl", ".ply", ".obj")
 METRES = {"mm": 1e-3, "m": 1.0}
 
 
@@ -43,6 +45,11 @@ def check(file: File, units: Units = "") -> None:
     Exit code 1 if it is refused.
     """
     report = inspect(load_file(file, units))
+    if not report.refused:
+        try:
+            report = load_geometry(file, units, fixed="none").report  # a surface is filled as well
+        except MeshError as error:
+            report = replace(report, refused=str(error))
     for line in report.lines():
         console.print(line, markup=False)
     if report.refused:
@@ -85,7 +92,9 @@ def _write(mesh: RawMesh, target: Path, metres: float) -> None:
     else:
         cells = [("tetra", mesh.tetrahedra)]
     target.parent.mkdir(parents=True, exist_ok=True)
-    meshio.Mesh(mesh.points / metres, cells).write(target)
+    # gmsh's newer format wants entities that a plain mesh does not have.
+    options = {"file_format": "gmsh22"} if target.suffix.lower() == ".msh" else {}
+    meshio.Mesh(mesh.points / metres, cells).write(target, **options)
 
 
 def _surface(mesh: RawMesh) -> np.ndarray:
