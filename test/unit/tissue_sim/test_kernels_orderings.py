@@ -9,6 +9,7 @@ import numpy as np
 from support.elastic_scenes import MATERIAL, NO_ROWS, block_mesh, split_edit, top_ball
 from tissue_sim.elastic.ordering import NodeOrdering, SpringOrdering
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.kernels import orderings
 
 
 def plain_levels(springs: SpringNetwork, sources: list[int], blocked: np.ndarray) -> dict[int, int]:
@@ -74,3 +75,18 @@ def test_copies_follow_their_parents_and_springs_their_edit() -> None:
     ends = springs.springs.ends[: springs.rows][alive]
     free = ends[~mesh.fixed[ends].all(axis=1)]
     assert listed == set(map(tuple, free.tolist()))
+
+
+def test_copies_are_inserted_as_numpy_inserts_them() -> None:
+    rng = np.random.default_rng(7)
+    used, added = 50, 12
+    nodes = np.zeros(used + added, dtype=np.uint32)
+    nodes[:used] = rng.permutation(used)
+    rank = np.full(used + added, -1, dtype=np.int32)
+    rank[nodes[:used]] = np.arange(used)
+    copies = np.arange(used, used + added, dtype=np.int32)
+    places = np.sort(rng.integers(0, used, added)).astype(np.int32)
+    expected = np.insert(nodes[:used], places + 1, copies)
+    orderings.insert_behind(copies, places, nodes, used, rank)
+    np.testing.assert_array_equal(nodes, expected)
+    np.testing.assert_array_equal(rank[nodes], np.arange(used + added))

@@ -89,14 +89,15 @@ class NodeOrdering:
         if not len(copies):
             return
         self.level[copies] = self.level[parents]
-        order = np.insert(self.nodes[: self.used], self.rank[parents] + 1, copies.astype(np.uint32))
-        self.used = len(order)
-        self.nodes[: self.used] = order
+        behind = np.argsort(self.rank[parents], kind="stable")
+        orderings.insert_behind(
+            copies[behind], self.rank[parents[behind]], self.nodes, self.used, self.rank
+        )
+        self.used += len(copies)
         reached = self.level[copies][self.level[copies] != UNREACHED]
         added = np.cumsum(np.bincount(reached, minlength=self.levels))
         self._level_start[1 : self.levels + 1] += added.astype(np.int32)
         self._reached += len(reached)
-        self._rank_all()
 
     def _rank_all(self) -> None:
         self.rank[:] = UNREACHED

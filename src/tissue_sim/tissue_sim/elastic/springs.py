@@ -180,9 +180,7 @@ class SpringNetwork:
         )
 
     def _edges_to_repair(self, change: EditChange) -> NDArray[np.int32]:
-        incident = self.mesh.incident
-        moved = [incident.of(int(node)) for node in change.moved_nodes]
-        elements = np.unique(np.concatenate(moved)) if moved else _no_rows()
+        elements = self.mesh.incident.of_all(change.moved_nodes)
         tets = np.concatenate([change.old_elements, change.new_elements, self.mesh.tets[elements]])
         return _edges_of(tets[tets[:, 0] != NO_ROW])
 
@@ -207,8 +205,9 @@ class SpringNetwork:
             self.springs = networks.Springs(*(_padded(array, capacity) for array in springs))
         # A list of n springs that a more are added to is copied while it doubles: at most 8 + 4 (n
         # + a) places.
-        nodes, added = np.unique(edges.ravel(), return_counts=True)
-        worst = int((8 + 4 * (lists.room[nodes].astype(np.int64) + added)).sum())
+        nodes = sorted_unique(edges.ravel())
+        rooms = int(lists.room[nodes].sum(dtype=np.int64))
+        worst = 8 * len(nodes) + 4 * (rooms + edges.size)
         if self._used + worst > len(lists.neighbour):
             places = len(lists.neighbour) * 5 // 4 + worst
             self._lists = lists._replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 
@@ -10,6 +11,33 @@ def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.integer]) -> ND
     """Signed volumes of tetrahedra [m^3], positive if right-handed, shape (element_count,)."""
     a, b, c, d = (points[tets[:, corner]] for corner in range(4))
     return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0)
+
+
+@njit(cache=True, nogil=True)
+def count_flat(points: NDArray[np.float64], tets: NDArray[np.int32]) -> int:
+    """Number of tetrahedra whose volume is not positive; quick enough for use in a frame."""
+    flat = 0
+    for element in range(len(tets)):
+        a, b, c, d = tets[element, 0], tets[element, 1], tets[element, 2], tets[element, 3]
+        u0, u1, u2 = (
+            points[b, 0] - points[a, 0],
+            points[b, 1] - points[a, 1],
+            points[b, 2] - points[a, 2],
+        )
+        v0, v1, v2 = (
+            points[c, 0] - points[a, 0],
+            points[c, 1] - points[a, 1],
+            points[c, 2] - points[a, 2],
+        )
+        w0, w1, w2 = (
+            points[d, 0] - points[a, 0],
+            points[d, 1] - points[a, 1],
+            points[d, 2] - points[a, 2],
+        )
+        volume = u0 * (v1 * w2 - v2 * w1) + u1 * (v2 * w0 - v0 * w2) + u2 * (v0 * w1 - v1 * w0)
+        if not volume > 0.0:
+            flat += 1
+    return flat
 
 
 def longest_edges(points: NDArray[np.float64], tets: NDArray[np.integer]) -> NDArray[np.float64]:
