@@ -22,7 +22,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.replica import Replica
 
 FRAME = "organ"
-PATIENCE = 40.0
+PATIENCE = 120.0
 """Longest wait for something that may have to compile its kernels first [s]."""
 
 

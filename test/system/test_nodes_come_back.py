@@ -30,19 +30,26 @@ RATE = 30
 TOP = [SIZE / 2, SIZE / 2, SIZE]
 """The middle of the block's top."""
 
-PROCEDURE = f"""
-title: pulling and waiting
+HEAD = f"""
+title: a block
 units: m
 frame_id: {FRAME}
 tools:
   grasper:
     kind: grab
     start: {{position: {TOP}}}
+end: 600.0
 timeline:
+"""
+PULLING = f"""{HEAD}
   - {{at: 0.3, press: grasper}}
   - {{at: 0.5, move: grasper, by: [0.0, 0.0, 0.006], for: 0.5}}
-end: 600.0
 """
+PRESSING = HEAD + "".join(
+    f"  - {{at: {0.3 + turn:.1f}, {word}: grasper}}\n"
+    for turn in range(100)
+    for word in [("press", "release")[turn % 2]]
+)
 
 
 def start_simulation(world: Processes, repository: Path, name: str, *more: str) -> None:
@@ -111,7 +118,7 @@ def assert_no_gap(frames: list[int]) -> None:
 def test_whoever_is_killed_comes_back_and_the_simulation_misses_no_frame(
     world: Processes, ros_domain: int, repository: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "procedure.yaml").write_text(PROCEDURE)
+    (tmp_path / "procedure.yaml").write_text(PRESSING)
     script = ("script", "tool_input.script_node", "--ros-args", "-p", "procedure:=procedure.yaml")
     cut = ("cut", "cut_service.cut_node")
     with observing(ros_domain) as seen:
@@ -123,7 +130,7 @@ def test_whoever_is_killed_comes_back_and_the_simulation_misses_no_frame(
         epoch = seen.wait_ready()
         first = seen.cut(slab(0.25), "first")
         assert first.success, first.message
-        wait_for(lambda: presses(seen) == 1, what="the press")
+        wait_for(lambda: presses(seen) > 0, what="the press")
         wait_for(lambda: seen.finding("/bag: recording") == "recording", PATIENCE, "the bag")
         wait_for(lambda: (tmp_path / "first.rrd").exists(), PATIENCE, "the recording")
         steps_before = {entry.steps for entry in seen.entries}
@@ -145,7 +152,8 @@ def test_whoever_is_killed_comes_back_and_the_simulation_misses_no_frame(
         wait_for((tmp_path / "second.rrd").exists, PATIENCE, "the recording")
         world.start(*script)
         wait_for(lambda: seen.tools["grasper"].state == "active", PATIENCE, "the script again")
-        wait_for(lambda: presses(seen) == 2, what="the press of the restarted script")
+        pressed = presses(seen)
+        wait_for(lambda: presses(seen) > pressed, PATIENCE, "the press of the restarted script")
         second = seen.cut(slab(0.75), "second")
         assert second.success, second.message
         assert second.version == 3
@@ -220,7 +228,7 @@ def test_a_restarted_simulation_begins_a_new_epoch_and_everybody_follows(
 def test_two_organs_in_one_domain_do_not_meet(
     world: Processes, ros_domain: int, repository: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "procedure.yaml").write_text(PROCEDURE)
+    (tmp_path / "procedure.yaml").write_text(PULLING)
     with ExitStack() as stack:
         seen = {}
         for side in ("left", "right"):
