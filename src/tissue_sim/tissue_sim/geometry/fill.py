@@ -37,7 +37,7 @@ _THINNEST = 0.95
 """Walls are thickened to this many elements; the lattice could miss thinner ones."""
 
 _DEPTHS = 12
-_ROOT_STEPS = 4
+_ROOT_STEPS = 3
 _MOST_LATTICE_NODES = 8_000_000
 _OPEN = 0.01
 """Share of edges that may be open or turned; the winding number bridges small holes."""

@@ -127,4 +127,4 @@ def _raw(
         return raw, ()
     surface, surface_report = mend(raw)
     filled = fill_surface(surface, cell)
-    return filled.raw, (*surface_report.mended, *surface_report.warnings, *filled.said)
+    return filled.raw, (*surface_report.mended, *filled.said)
