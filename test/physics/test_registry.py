@@ -88,9 +88,10 @@ def test_models_take_over_from_each_other_with_a_hold_and_after_it(name: str, ot
 
 @pytest.mark.parametrize("name", ALL)
 def test_steps_allocate_no_arrays(name: str) -> None:
-    traced_steps(name)  # The first time, kernels are compiled or loaded on the way.
-    # Less than the smallest array by node: what Python itself needs for the calls.
-    assert traced_steps(name) < 8192
+    # Kernels are compiled on the way at first, and what that leaves behind is collected some time
+    # later; an array per step would show in every run. Less than the smallest array by node is what
+    # Python itself needs for the calls.
+    assert min(traced_steps(name) for _ in range(4)) < 8192
 
 
 def traced_steps(name: str) -> int:
