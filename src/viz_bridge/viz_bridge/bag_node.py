@@ -67,7 +67,7 @@ class BagNode(Node):
         self._thinning = StateThinning(self._values["record_state_hz"])
         self._paused = False
         self._sessions = 0
-        self._started = 0.0
+        self._flow: tuple[float, int] | None = None
         self._reported = False
         self._asked_for_parameters = False
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
@@ -103,7 +103,7 @@ class BagNode(Node):
         for name, media_type, data in self._attachments:
             self._writer.attach(name, media_type, data)
         self._paused, self._reported, self._asked_for_parameters = False, False, False
-        self._started = time.monotonic()
+        self._flow = None
         # Subscribed anew, so that every bag begins with what is latched.
         self._thinning = StateThinning(self._values["record_state_hz"])
         for topic in (*FIXED, *self._extra):
@@ -218,12 +218,17 @@ class BagNode(Node):
         writer = self._writer
         if writer is None:
             return
-        seconds = time.monotonic() - self._started
+        now = time.monotonic()
+        if self._flow is None and writer.counts.written[self.resolve_topic_name(STATE)]:
+            self._flow = (now, writer.counts.bytes)
+        # Measured from the first state on: before, next to nothing is published.
+        began, before = self._flow or (now, writer.counts.bytes)
+        seconds = now - began
         megabytes = writer.counts.bytes / 1e6
         free = free_bytes(writer.directory) / GB - self._values["min_free_gb"]
-        per_minute = 60 * megabytes / seconds
+        per_minute = (megabytes - before / 1e6) * 60 / seconds if seconds else 0.0
         hours = free * 1000 / per_minute / 60 if per_minute > 0 else float("inf")
-        if not self._reported and seconds >= FIRST_REPORT_SECONDS and megabytes:
+        if not self._reported and seconds >= FIRST_REPORT_SECONDS and per_minute:
             self._reported = True
             self._say("info", f"{per_minute:.1f} MB per minute; room for {hours:,.1f} hours")
         dropped = sum(writer.counts.dropped.values())

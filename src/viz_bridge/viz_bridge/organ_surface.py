@@ -11,14 +11,32 @@ from tissue_sim.geometry.faces import LOCAL_FACES
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.surface import boundary_triangles, vertex_normals
 
-# Linear mixtures of these are drawn: muscle, and the same tissue freshly cut.
-OUTSIDE = np.array([176, 62, 56], dtype=np.float64)
-INSIDE = np.array([224, 104, 96], dtype=np.float64)
-TINTS = np.array(
-    [[0, 0, 0], [26, 34, 26], [-26, -10, 6], [20, -14, -8], [-18, 22, 20], [34, 16, -10],
-     [4, -22, 18], [-34, -18, -14]],
-    dtype=np.float64,
-)  # fmt: skip
+OUTSIDE = np.array([168, 62, 54], dtype=np.float64)
+INSIDE = np.array([236, 126, 114], dtype=np.float64)
+"""Red, green, blue of muscle, and of the same tissue freshly cut."""
+
+NAMED_TINTS = {
+    "aorta": (40, 4, 2),
+    "pulmonary": (-44, 14, 52),
+    "vein": (-62, 20, 74),
+    "atrium": (14, 18, 12),
+    "right": (12, 4, 2),
+}
+"""Added where a region's name has the word; the first that fits counts."""
+
+TINTS = ((0, 0, 0), (18, 24, 18), (-18, -8, 4), (14, -10, -6), (-14, 14, 12), (22, 10, -8))
+"""Added to regions without such a name, in turn."""
+
+
+def region_tints(mesh: Mesh) -> dict[int, tuple[int, int, int]]:
+    """What each region's colour differs by, by label."""
+    labels = [int(label) for label in np.unique(mesh.regions[: mesh.element_rows])]
+    tints = {}
+    for turn, label in enumerate(labels):
+        name = mesh.region_names.get(label, "").lower()
+        named = (tint for word, tint in NAMED_TINTS.items() if word in name)
+        tints[label] = next(named, TINTS[0] if name else TINTS[turn % len(TINTS)])
+    return tints
 
 
 @dataclass(frozen=True)
@@ -104,12 +122,14 @@ def surface_of(mesh: Mesh) -> OrganSurface:
         mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
     )
     opened = laid_open(mesh, triangles)
-    labels = np.unique(mesh.regions[:rows])
-    tints = TINTS[np.searchsorted(labels, mesh.regions[elements]) % len(TINTS)]
+    by_label = region_tints(mesh)
+    labels = np.array(list(by_label))
+    values = np.array(list(by_label.values()), dtype=np.float64)
+    tints = values[np.searchsorted(labels, mesh.regions[elements])]
     return OrganSurface(
         mesh.version,
         _part(triangles[~opened], tints[~opened], OUTSIDE),
-        _part(triangles[opened], 0.4 * tints[opened], INSIDE),
+        _part(triangles[opened], 0.25 * tints[opened], INSIDE),
     )
 
 

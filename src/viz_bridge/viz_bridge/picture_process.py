@@ -36,7 +36,7 @@ def draw(file: str, picture: str) -> None:
     plotter.camera.position, plotter.camera.focal_point = tuple(position), tuple(target)
     plotter.camera.up, plotter.camera.view_angle = tuple(up), 28.0
     plotter.reset_camera_clipping_range()
-    plotter.enable_ssao(radius=0.04 * size, bias=0.0005 * size, kernel_size=48, blur=True)
+    plotter.enable_ssao(radius=0.04 * size, bias=0.0005 * size, kernel_size=32, blur=True)
     plotter.enable_anti_aliasing("ssaa", all_renderers=False)
     caption, when = (str(words) for words in arrays["words"])
     plotter.add_text(caption, position=(36, 64), font_size=19, color="white", shadow=True)
@@ -58,7 +58,7 @@ def _light(
     side *= np.linalg.norm(toward) / np.linalg.norm(side)
     high = up * np.linalg.norm(toward)
     for place, strength, color in (
-        (toward + 0.7 * high - 0.8 * side, 0.85, "#fff4e6"),
+        (toward + 0.7 * high - 0.8 * side, 0.92, "#fff4e6"),
         (toward + 0.2 * high + 1.1 * side, 0.34, "#cfe0ff"),
         (-0.7 * toward + 0.9 * high + 0.5 * side, 0.35, "#ffffff"),
         (toward, 0.14, "#ffffff"),
@@ -106,12 +106,12 @@ def _add_tool(plotter: Any, points: NDArray[np.float64], pressed: bool) -> None:
     if len(points) == 3:
         tip, radius, end = points[0], float(points[1, 0]), points[2]
         ball = pyvista.Sphere(radius=radius, center=tip, theta_resolution=48, phi_resolution=48)
-        plotter.add_mesh(ball, color=color, opacity=0.22, smooth_shading=True)
-        plotter.add_mesh(pyvista.Sphere(radius=0.0022, center=tip), color=color, **metal)
+        plotter.add_mesh(ball, color=color, opacity=0.16, smooth_shading=True)
+        plotter.add_mesh(pyvista.Sphere(radius=0.0015, center=tip), color=color, **metal)
     else:
         corners, end = points[:-1], points[-1]
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        normal *= 0.0003 / max(float(np.linalg.norm(normal)), 1e-12)
+        normal *= 0.00015 / max(float(np.linalg.norm(normal)), 1e-12)
         count = len(corners)
         both = np.concatenate([corners - normal, corners + normal])
         faces = [[count, *range(count)], [count, *range(2 * count - 1, count - 1, -1)]]
@@ -122,7 +122,7 @@ def _add_tool(plotter: Any, points: NDArray[np.float64], pressed: bool) -> None:
         tip = top.mean(axis=0)
     length = float(np.linalg.norm(end - tip))
     shaft = pyvista.Cylinder(
-        center=(tip + end) / 2, direction=end - tip, radius=0.0018, height=length, resolution=32
+        center=(tip + end) / 2, direction=end - tip, radius=0.0009, height=length, resolution=32
     )
     plotter.add_mesh(shaft, color=SHAFT, **metal)
 

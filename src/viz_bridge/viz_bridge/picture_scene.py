@@ -85,16 +85,30 @@ def save_moment(path: Path, moment: Moment, camera: Camera) -> None:
             f"{name}_normals": part.normals(vertices),
             f"{name}_colors": part.colors,
         }
-    middle = moment.positions.mean(axis=0).astype(np.float64)
+    handle = handle_direction(camera)
     drawn = [tool for tool in moment.tools if tool.state != "free"]
     for number, tool in enumerate(drawn):
-        arrays[f"tool{number}"] = tool_outline(tool, middle)
+        arrays[f"tool{number}"] = tool_outline(tool, handle)
         arrays[f"tool{number}_pressed"] = np.array(tool.use)
     np.savez(path, **arrays)  # type: ignore[arg-type]
 
 
-def tool_outline(tool: DrawnTool, middle: NDArray[np.float64]) -> NDArray[np.float64]:
+def handle_direction(camera: Camera) -> NDArray[np.float64]:
+    """Where a tool without a direction of its own is held from: beside the view, not across it."""
+    toward = camera.position - camera.target
+    toward = toward / np.linalg.norm(toward)
+    right = np.cross(camera.up, toward)
+    right /= np.linalg.norm(right)
+    direction: NDArray[np.float64] = 0.8 * right - 0.35 * np.cross(toward, right) + 0.55 * toward
+    return direction / float(np.linalg.norm(direction))
+
+
+def tool_outline(tool: DrawnTool, handle: NDArray[np.float64]) -> NDArray[np.float64]:
     """A tool as points [m]: tip, radius and shaft end for a sphere; corners for a blade.
+
+    Args:
+        tool: The tool.
+        handle: Unit vector along which a sphere's shaft runs, shape (3,).
 
     Returns:
         Shape (3, 3) for a sphere: tip, (radius, 0, 0), end of the shaft; for a blade its corners,
@@ -102,10 +116,7 @@ def tool_outline(tool: DrawnTool, middle: NDArray[np.float64]) -> NDArray[np.flo
     """
     if tool.shape == "sphere":
         radius = tool.size[0] if tool.size else 0.005
-        away = tool.tip - middle
-        away = away / max(float(np.linalg.norm(away)), 1e-9) + np.array([0.0, 0.0, 0.35])
-        away /= np.linalg.norm(away)
-        return np.stack([tool.tip, [radius, 0.0, 0.0], tool.tip + 0.09 * away])
+        return np.stack([tool.tip, [radius, 0.0, 0.0], tool.tip + 0.09 * handle])
     corners = blade_corners(tool)
     top = corners[corners[:, 2] >= corners[:, 2].max() - 1e-9].mean(axis=0)
     local = np.concatenate([corners, [top + np.array([0.0, 0.0, 0.06])]])
