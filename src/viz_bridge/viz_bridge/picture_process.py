@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SIZE = (1600, 1200)
+SIZE = (1280, 960)
 BACKGROUND, HORIZON = "#20262f", "#8b97a6"
 STEEL, PRESSED, SHAFT = "#d5dde6", "#ffc45c", "#9aa5b2"
 
@@ -36,11 +36,11 @@ def draw(file: str, picture: str) -> None:
     plotter.camera.position, plotter.camera.focal_point = tuple(position), tuple(target)
     plotter.camera.up, plotter.camera.view_angle = tuple(up), 28.0
     plotter.reset_camera_clipping_range()
-    plotter.enable_ssao(radius=0.04 * size, bias=0.0005 * size, kernel_size=32, blur=True)
+    plotter.enable_ssao(radius=0.04 * size, bias=0.0005 * size, kernel_size=24, blur=True)
     plotter.enable_anti_aliasing("ssaa", all_renderers=False)
     caption, when = (str(words) for words in arrays["words"])
-    plotter.add_text(caption, position=(36, 64), font_size=19, color="white", shadow=True)
-    plotter.add_text(when, position=(38, 28), font_size=12, color="#dbe3ec")
+    plotter.add_text(caption, position=(28, 52), font_size=16, color="white", shadow=True)
+    plotter.add_text(when, position=(30, 24), font_size=10, color="#dbe3ec")
     plotter.screenshot(picture)
     plotter.close()
 
