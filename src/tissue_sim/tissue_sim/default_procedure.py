@@ -12,7 +12,10 @@ import yaml
 from tissue_sim.geometry.suggestions import Interaction
 
 TOOL = "grasper"
-SHORTEST_SECONDS = 2.0
+SHORTEST_SECONDS = 1.5
+SLACK = 0.5
+"""Seconds of the run before the procedure begins and after it ends."""
+
 PARTS = {"arrive": 0.10, "press": 0.13, "taut": 0.30, "cut": 0.34, "opened": 0.80, "release": 0.88}
 """When what has happened, as a share of the whole."""
 
@@ -42,10 +45,11 @@ def write_default_procedure(path: Path, interaction: Interaction, seconds: float
     Args:
         path: File to write.
         interaction: Where to work.
-        seconds: Length [s]; not below `SHORTEST_SECONDS`.
+        seconds: Length of the run [s]; the procedure is shorter by `SLACK`, but not below
+            `SHORTEST_SECONDS`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = default_procedure(interaction, max(seconds, SHORTEST_SECONDS))
+    content = default_procedure(interaction, max(seconds - SLACK, SHORTEST_SECONDS))
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 

@@ -146,10 +146,8 @@ def tools_of(procedure: Path) -> list[str]:
 
 def with_waiting(plan: SessionPlan) -> SceneFile:
     """The scene, its clock waiting for those of the session that must not miss its beginning."""
-    listeners = {"tissue/journal": 0, "tissue/state": 0}
-    if plan.bag:
-        listeners = {topic: count + 1 for topic, count in listeners.items()}
-    if plan.recording or plan.viewer:
+    listeners = {"tissue/journal": 0, "tissue/state": 1, "tissue/edits": 1}  # cut_service
+    for _ in range(int(plan.bag) + int(plan.recording or plan.viewer)):
         listeners = {topic: count + 1 for topic, count in listeners.items()}
     if plan.monitor:
         listeners["tissue/state"] += 1

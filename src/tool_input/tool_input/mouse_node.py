@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 
@@ -214,3 +215,7 @@ class MouseNode(Node):
 def main(args: list[str] | None = None) -> int:
     """Entry point."""
     return run(MouseNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
