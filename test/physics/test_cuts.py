@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -250,27 +248,6 @@ def own_nodes(mesh: Mesh) -> TopologyEdit:
         rewritten_elements=np.array(chosen, dtype=np.uint32),
         rewritten_nodes=new.reshape(-1, 4).astype(np.uint32),
     )
-
-
-@pytest.mark.timing
-def test_following_a_cut_takes_time_proportional_to_it() -> None:
-    times = []
-    for nodes in (15, 30):
-        mesh = block_mesh(nodes)
-        spacing = 0.06 / (nodes - 1)
-        model, state = build("lr", mesh, levels=4)
-        hold(model, state, top_ball(mesh), mesh)
-        best = np.inf
-        for k in range(3, 6):
-            points = mesh.rest[: mesh.node_rows]
-            edit = split_edit(mesh, spacing * 2 * (k - 2), points[:, 2].max() - 3.5 * spacing)
-            change = mesh.apply(edit)
-            state.follow(mesh, change)
-            begin = time.perf_counter()
-            model.topology_changed(change, state)
-            best = min(best, (time.perf_counter() - begin) / len(edit.copied_nodes))
-        times.append(best)
-    assert times[1] < 3 * times[0]
 
 
 def test_state_follows_in_double_precision_too() -> None:

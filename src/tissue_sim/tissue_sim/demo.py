@@ -41,7 +41,7 @@ def run_demo(out: Path, scene: str, procedure: Path | None, pictures: bool) -> i
     )
     domain = choose_domain()
     console.print(f"{plan.scene.name} in ROS domain {domain}; logs in {plan.out / 'logs'}")
-    cpu_shares = _operate(plan)
+    cpu_shares = operate(plan)
     if pictures:
         _draw(plan)
     summary = demo_summary(plan, cpu_shares, load_before)
@@ -51,11 +51,22 @@ def run_demo(out: Path, scene: str, procedure: Path | None, pictures: bool) -> i
     return 0
 
 
-def _operate(plan: SessionPlan) -> dict[str, float]:
-    """Run all processes until the script is over; the share of a core each used."""
+def operate(plan: SessionPlan, quiet: bool = False) -> dict[str, float]:
+    """Run all processes of a session until its procedure is over.
+
+    Args:
+        plan: What takes part; it has a procedure.
+        quiet: Whether to keep what the script says to its log.
+
+    Returns:
+        Share of a core each process used, by name.
+
+    Raises:
+        LaunchError: The procedure failed, or a process that is needed ended.
+    """
     with Launcher(plan.out / "logs") as launcher:
         start_session(launcher, plan)
-        _follow(launcher, plan)
+        _follow(launcher, plan, quiet)
         code = launcher.processes[SCRIPT].exit_code
         if code != 0:
             words = launcher.processes[SCRIPT].last_words()
@@ -68,7 +79,7 @@ def _operate(plan: SessionPlan) -> dict[str, float]:
         return {name: process.cpu_share for name, process in launcher.processes.items()}
 
 
-def _follow(launcher: Launcher, plan: SessionPlan) -> None:
+def _follow(launcher: Launcher, plan: SessionPlan, quiet: bool) -> None:
     """Show what the script says until it is over."""
     log = plan.out / "logs" / f"{SCRIPT}.log"
     shown = 0
@@ -78,7 +89,7 @@ def _follow(launcher: Launcher, plan: SessionPlan) -> None:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
         for line in lines[shown:]:
             _, found, text = line.partition("[script]: ")
-            if found:
+            if found and not quiet:
                 console.print(f"  {text}", markup=False)
         shown = len(lines)
         return launcher.processes[SCRIPT].exit_code is not None

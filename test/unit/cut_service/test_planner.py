@@ -396,11 +396,3 @@ def test_cuts_of_the_heart_are_valid_and_faithful(heart: RawMesh) -> None:
         assert abs(after.volume / before.volume - 1) < 1e-3
         before = after
     assert quality(mesh).min() >= floor * (1 - 1e-9)
-
-
-@pytest.mark.timing
-def test_a_cut_through_the_hearts_wall_is_planned_in_50_ms(heart: RawMesh) -> None:
-    mesh = Mesh(heart)
-    sweep = square(rest(mesh)[2000], np.array([1.0, 0.3, 0.2]), 0.012)
-    times = [plan(mesh, rest(mesh), sweep).report.plan_ms for _ in range(5)]
-    assert min(times) < 50
