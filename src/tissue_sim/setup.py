@@ -37,6 +37,7 @@ setup(
         (f"{SHARE}/launch", files("launch", "*.launch.py")),
         # config is a link to the scenes at the root of the repository.
         (f"{SHARE}/config", files("config", "*.yaml")),
+        (f"{SHARE}/config/procedures", files("config/procedures", "*.yaml")),
     ],
     install_requires=["setuptools"],
     zip_safe=False,
