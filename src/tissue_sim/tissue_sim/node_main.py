@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -137,27 +139,35 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
         Exit code: the node's own, or 2 when it refuses to start.
     """
     stay_local()
-    node: Node | None = None
+    nodes: list[Node] = []
     code = 0
     try:
-        rclpy.init(args=args)
+        try:
+            _spin(factory, args, nodes)
+        except (ValueError, OSError, rclpy_implementation.RCLError) as error:
+            if not (nodes and isinstance(error, rclpy_implementation.RCLError)) or rclpy.ok():
+                print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr, flush=True)
+                code = 2
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except KeyboardInterrupt:
+        # Ctrl-C ends the context first and reaches Python a moment later, wherever that is.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for node in nodes:
+        close = getattr(node, "close", None)
+        if close is not None:
+            close()
+        code = code or int(getattr(node, "exit_code", 0))
+        node.destroy_node()
+    rclpy.try_shutdown()
+    return code
+
+
+def _spin(factory: Callable[[], Node], args: list[str] | None, nodes: list[Node]) -> None:
+    """Make the node and spin it until the context ends."""
+    rclpy.init(args=args)
+    with contextlib.suppress(ExternalShutdownException):
         node = factory()
+        nodes.append(node)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except (ValueError, OSError, rclpy_implementation.RCLError) as error:
-        # A callback that was under way when the context ended is no mistake of anybody's.
-        if node is None or rclpy.ok() or not isinstance(error, rclpy_implementation.RCLError):
-            print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr, flush=True)
-            code = 2
-    finally:
-        if node is not None:
-            close = getattr(node, "close", None)
-            if close is not None:
-                close()
-            code = code or int(getattr(node, "exit_code", 0))
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return code

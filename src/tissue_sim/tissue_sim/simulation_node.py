@@ -10,14 +10,16 @@ import threading
 import time
 
 from builtin_interfaces.msg import Time
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 from tissue_interfaces.msg import Status, Topology
 
-from tissue_sim import conversions
+from tissue_sim import conversions, qos
 from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
 from tissue_sim.frame import Frame
 from tissue_sim.geometry import scene_geometry
@@ -36,7 +38,10 @@ from tissue_sim.simulation_topics import Keyframes, SimulationTopics
 
 NODE = "tissue_sim"
 LOOK_AROUND = 1.0
-"""Time from the node's start after which another simulator would have been seen [s]."""
+"""Time from the node's start after which another simulator has usually been seen [s]."""
+
+PROBATION = 10.0
+"""Time from the node's start after which another simulator must be the newer one [s]."""
 
 HOUSEKEEPING = 1.0
 """Period of diagnostics and of what the loop looks after between frames [s]."""
@@ -51,7 +56,7 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__(NODE)
-        started = time.perf_counter()
+        self._started = time.perf_counter()
         self.exit_code = 0
         self._values = declare(self, specs(overrides(self)))
         self._settings = Settings.of(self._values)
@@ -70,7 +75,7 @@ class SimulationNode(Node):
         self._reserve = 0.002
         self._say(bytes(16), 0, Status.LOADING, "loading")
         simulation = self._load()
-        self._refuse_second(started)
+        self._refuse_second()
         self._live = LiveSimulation(
             simulation, self._settings.limits, self._settings.data_dir, self._settings.budget,
             self._settings.steps_per_frame, self._first_keyframe,
@@ -81,9 +86,13 @@ class SimulationNode(Node):
             self, self._live, self._settings.frames.organ, self._follow_tools
         )
         self._keyframes.publish(self._live.prepared, time.perf_counter())
+        self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters)
         group = MutuallyExclusiveCallbackGroup()
         self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
+        self._other_status: Subscription | None = None
+        self._probation = self.create_timer(0.2, self._look_for_second, callback_group=group)
+        self._ready_at = time.time_ns()
         prepare_process()
         # The executor's thread holds Python's lock at times: the loop must not wait for a thread
         # that others keep from running.
@@ -124,15 +133,38 @@ class SimulationNode(Node):
         )
         return simulation
 
-    def _refuse_second(self, started: float) -> None:
+    def _refuse_second(self) -> None:
         """Refuse to start beside another simulator of the same tissue/state."""
-        topic = self._topics.state.topic_name
-        self._stop.wait(max(0.0, LOOK_AROUND - (time.perf_counter() - started)))
-        if self.count_publishers(topic) > 1:
-            raise ValueError(
-                f"another simulator publishes {topic} already; start this one in another namespace "
-                "(-r __ns:=/other) or ROS_DOMAIN_ID"
+        self._stop.wait(max(0.0, LOOK_AROUND - (time.perf_counter() - self._started)))
+        if self.count_publishers(self._topics.state.topic_name) > 1:
+            raise ValueError(self._second)
+
+    @property
+    def _second(self) -> str:
+        return (
+            f"another simulator publishes {self._topics.state.topic_name} already; start this one "
+            "in another namespace (-r __ns:=/other) or ROS_DOMAIN_ID"
+        )
+
+    def _look_for_second(self) -> None:
+        """Discovery can be slow: for a while look for a simulator that was there before."""
+        if time.perf_counter() - self._started > PROBATION:
+            self.destroy_timer(self._probation)
+            if self._other_status is not None:
+                self.destroy_subscription(self._other_status)
+        elif not self._other_status and self.count_publishers(self._topics.state.topic_name) > 1:
+            self._other_status = self.create_subscription(
+                Status, "tissue/status", self._on_other_status, qos.LATCHED
             )
+
+    def _on_other_status(self, status: Status) -> None:
+        """Of two simulators the one that was ready later ends."""
+        mine = conversions.epoch_of(status) == self._live.simulation.epoch
+        there_before = conversions.nanoseconds_of(status.header.stamp) < self._ready_at
+        if not mine and there_before and status.state != Status.LOADING:
+            self.get_logger().fatal(self._second)
+            self.exit_code = 2
+            self.context.try_shutdown()
 
     def _first_keyframe(self, simulation: Simulation) -> Topology:
         mesh = mesh_for_keyframe(simulation.mesh)
@@ -262,6 +294,14 @@ class SimulationNode(Node):
 
     def _follow_tools(self) -> None:
         self._sources.follow(list(self._live.simulation.tools))
+
+    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Whether the parameters go together; limits of each were checked before."""
+        try:
+            tool_limits({**self._values, **{change.name: change.value for change in changes}})
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
     def _on_parameters(self, changes: list[Parameter]) -> None:
         self._values.update({change.name: change.value for change in changes})
