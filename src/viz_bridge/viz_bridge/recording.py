@@ -122,9 +122,12 @@ class Recording:
             return
         self._early = None
         stamp = nanoseconds(message.header.stamp)
-        if self._surface is not None and stamp < self._next:
+        if self._surface is not None and 0 < self._next - stamp < 2 * self._period:
             return
+        # Half a period of tolerance keeps the rate in spite of jitter.
         self._next = max(self._next + self._period, stamp + 0.5 * self._period)
+        if self._next - stamp > 2 * self._period:
+            self._next = stamp + self._period
         self._at(stamp)
         if self._surface is None:
             self._surface = surface_of(self.organ.mesh)

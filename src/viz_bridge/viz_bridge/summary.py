@@ -82,6 +82,7 @@ class SessionFigures:
         self._organ = OrganFollower()
         self._positions: NDArray[np.float32] | None = None
         self.cuts: list[CutFigures] = []
+        self._open_cuts: list[CutFigures] = []
         self.grabs: list[GrabFigures] = []
         self.geometry: dict[str, Any] = {}
         self.model = ""
@@ -100,8 +101,7 @@ class SessionFigures:
         elif topic == "tissue/status":
             self._take_status(message)
         elif topic == "tissue/topology":
-            if organ.take_topology(message) and not self.geometry and organ.mesh is not None:
-                self.geometry = describe(organ.mesh)
+            self._take_topology(message)
         elif topic == "tissue/edits":
             self._take_edit(message)
         elif topic == "tissue/state":
@@ -110,6 +110,18 @@ class SessionFigures:
             self._take_journal(message)
         elif topic == "/diagnostics":
             self._take_diagnostics(message)
+
+    def _take_topology(self, message: Message) -> None:
+        epoch = self._organ.replica.epoch
+        if not self._organ.take_topology(message) or self._organ.mesh is None:
+            return
+        if not self.geometry:
+            self.geometry = describe(self._organ.mesh)
+        if epoch != self._organ.replica.epoch:
+            # Rows of another epoch mean nothing any more.
+            self._open_cuts.clear()
+            self._release(None)
+            self._positions = None
 
     def _take_status(self, message: Message) -> None:
         if message.model:
@@ -124,7 +136,7 @@ class SessionFigures:
         before = boundary_size(mesh)
         if not self._organ.take_edit(message):
             return
-        self.cuts.append(
+        self._open_cuts.append(
             CutFigures(
                 version=int(message.version),
                 sim_time=self._organ.sim_time,
@@ -134,13 +146,14 @@ class SessionFigures:
                 parents=np.asarray(message.copy_parents, dtype=np.int64),
             )
         )
+        self.cuts.append(self._open_cuts[-1])
 
     def _take_state(self, message: Message) -> None:
         positions = self._organ.take_state(message)
         if positions is None:
             return
         self._positions = positions
-        for cut in self.cuts:
+        for cut in self._open_cuts:
             cut.opening = max(cut.opening, opening(positions, cut.copies, cut.parents))
         for grab in self.grabs:
             if grab.released:

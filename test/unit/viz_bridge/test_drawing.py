@@ -13,17 +13,19 @@ import numpy as np
 import pytest
 import rerun as rr
 
+from support import bags
 from support.bags import session_bag
 from support.split_block import split_plan
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from viz_bridge import pictures
+from viz_bridge.bag_reader import read_organ
 from viz_bridge.drawing_thread import MOST_WAITING, DrawingThread
-from viz_bridge.moments import find_moments
+from viz_bridge.moments import MomentFinder, find_moments
 from viz_bridge.organ_surface import surface_of
 from viz_bridge.picture_scene import camera_of
 from viz_bridge.recording import Recording, file_stream
-from viz_bridge.summary import step_times, summarise
+from viz_bridge.summary import SessionFigures, step_times, summarise
 from viz_bridge.to_rrd import to_rrd
 from viz_bridge.viewer_process import viewer_binary
 
@@ -99,8 +101,6 @@ def test_states_drawn_a_second_can_be_limited(bag: Path, tmp_path: Path) -> None
 
 
 def test_a_state_that_outruns_its_edit_is_drawn_after_it(tmp_path: Path) -> None:
-    from viz_bridge.bag_reader import read_organ
-
     session = session_bag(tmp_path / "bag", frames=20, cut_at=10)
     items = list(read_organ(session))
     late = [entry for entry in items if entry[0] == "tissue/edits"]
@@ -120,8 +120,6 @@ def test_a_state_that_outruns_its_edit_is_drawn_after_it(tmp_path: Path) -> None
 
 
 def test_a_state_is_never_drawn_on_another_version(tmp_path: Path) -> None:
-    from viz_bridge.bag_reader import read_organ
-
     session = session_bag(tmp_path / "bag", frames=20, cut_at=10)
     recording = Recording(file_stream(str(tmp_path / "gap.rrd")))
     for topic, item in read_organ(session):
@@ -250,6 +248,26 @@ def test_the_summary_tells_grabs_and_cuts(bag: Path) -> None:
     (grab,) = told["grabs"]
     assert grab["nodes"] > 0
     assert grab["moved_mm"] == pytest.approx(20.0, rel=0.2)
+
+
+def test_a_second_epoch_is_told_apart(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bags, "EPOCH", bytes(reversed(range(16))))
+    second = session_bag(tmp_path / "second", frames=30, cut_at=25)
+    figures, finder = SessionFigures(), MomentFinder()
+    recording = Recording(file_stream(str(tmp_path / "both.rrd")))
+    for session in (bag, second):
+        for topic, item in read_organ(session):
+            figures.take(topic, item.message)
+            finder.take(topic, item.message)
+            recording.take(topic, item.message, item.log_time)
+    recording.close()
+    assert recording.states == 70
+    assert [cut.nodes_added for cut in figures.cuts] == [9, 9]
+    assert [len(grab.nodes) > 0 for grab in figures.grabs] == [True, True]
+    assert figures.cuts[0].opening == pytest.approx(0.004, abs=5e-5)
+    assert [m.name for m in finder.moments()] == ["before", "pulled", "cut_open", "released"]
 
 
 def test_step_times_are_found_in_diagnostics() -> None:
