@@ -1,0 +1,33 @@
+"""The README shows what is there: examples, documents and targets."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from support.workspace import REPOSITORY
+
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"<!-- example: (\S+) -->\n```\w+\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_readme_shows_examples() -> None:
+    assert len(EXAMPLES) >= 3
+
+
+@pytest.mark.parametrize(("path", "shown"), EXAMPLES)
+def test_examples_in_the_readme_are_the_files(path: str, shown: str) -> None:
+    assert shown.strip() == (REPOSITORY / path).read_text(encoding="utf-8").strip()
+
+
+@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#]+)\)", README))))
+def test_links_of_the_readme_lead_somewhere(target: str) -> None:
+    if not target.startswith(("http:", "https:")):
+        assert (REPOSITORY / target).exists()
+
+
+@pytest.mark.parametrize("target", sorted(set(re.findall(r"^make (\w+)", README, re.MULTILINE))))
+def test_make_targets_in_the_readme_exist(target: str) -> None:
+    makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{target}:", makefile, re.MULTILINE)
