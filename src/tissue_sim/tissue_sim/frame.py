@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -65,10 +66,13 @@ class Budget:
         seconds: Time for stepping [s]. Ignored by dynamic models, which always make
             1 / (rate x time step) steps.
         steps: Exactly so many steps, whatever the model; None to go by time.
+        until: Steady time (`time.perf_counter`) at which stepping must be over [s], however late
+            it began; like `seconds`, at least one step is made.
     """
 
     seconds: float = 0.006
     steps: int | None = None
+    until: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,7 @@ class Frame:
         cuts: Sweeps of cutting tools used in this frame.
         events: What happened besides, in words: holds released because their nodes vanished, ...
         step_seconds: Time of each step [s], shape (steps,).
+        stepped_at: Steady time at which the last step was done [s].
         lost: Why the state was lost and restored; empty: it was not.
         tools_changed: Whether tools were set or removed.
     """
@@ -172,5 +177,6 @@ class Frame:
     cuts: tuple[Cut, ...]
     events: tuple[str, ...]
     step_seconds: NDArray[np.float64]
+    stepped_at: float
     lost: str
     tools_changed: bool

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import itertools
 import logging
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -191,12 +192,12 @@ class LiveSimulation:
         """Whether a load or a reset is under way."""
         return self.busy_with in ("load", "reset")
 
-    def next_frame(self, now: float, at_most: float = np.inf) -> tuple[Frame, Callable[[], None]]:
+    def next_frame(self, now: float, until: float = math.inf) -> tuple[Frame, Callable[[], None]]:
         """Advance by one frame.
 
         Args:
             now: Local steady time [s].
-            at_most: Time for model steps if that is less than the budget [s].
+            until: Steady time at which model steps must be over [s].
 
         Returns:
             The frame, and what answers its requests once it is published.
@@ -213,8 +214,7 @@ class LiveSimulation:
         inputs = FrameInputs(tuple(commands), edits, samples)
         static = self.simulation.model.time_step is None
         steps = self.steps_per_frame if static else 0
-        budget = Budget(min(self.budget, at_most), steps or None)
-        frame = self.simulation.advance(inputs, budget)
+        frame = self.simulation.advance(inputs, Budget(self.budget, steps or None, until))
         if frame.tools_changed:
             self._follow_tools()
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 SWITCH_INTERVAL = 0.0005
 """How long another thread may keep Python from the loop thread [s]."""
 
-FIRST_WAKE_MARGIN = 0.0002
+WAKE_MARGIN = 0.0002
 """Sleeping ends so long before the deadline; the rest is spent polling [s]."""
 
 
@@ -92,7 +92,7 @@ class FixedRate:
             self.late += missed
             self.count += missed
         self.count += 1
-        remaining = self.deadline - now - FIRST_WAKE_MARGIN
+        remaining = self.deadline - now - WAKE_MARGIN
         if remaining > 0 and stop.wait(remaining):
             return False
         remaining = self.deadline - self._clock()
@@ -102,13 +102,14 @@ class FixedRate:
 
     def published(self) -> bool:
         """Say that the frame is published; whether it is late."""
-        late = self._clock() - self.deadline > 0.5 * self.period
+        late = self._clock() > self.late_at
         self.late += late
         return late
 
-    def before_late(self) -> float:
-        """Time left until publishing now would be late [s]."""
-        return self.deadline + 0.5 * self.period - self._clock()
+    @property
+    def late_at(self) -> float:
+        """Steady time from which on the frame is late when it is published [s]."""
+        return self.deadline + 0.5 * self.period
 
     def slack(self) -> float:
         """Time left until the next deadline [s]."""

@@ -189,6 +189,7 @@ class Simulation:
             self.sim_time += (
                 1.0 / self.scene.rate_hz if seconds is None else seconds * len(step_seconds)
             )
+        stepped_at = time.perf_counter()
         positions, lost = self._positions()
         accepted = replace(
             inputs,
@@ -209,6 +210,7 @@ class Simulation:
             cuts=cuts,
             events=tuple(self._events),
             step_seconds=np.array(step_seconds),
+            stepped_at=stepped_at,
             lost=lost,
             tools_changed=tools_changed,
         )
@@ -275,15 +277,15 @@ class Simulation:
             steps = int(self._owed)
             self._owed -= steps
         seconds: list[float] = []
-        last = started = time.perf_counter()
+        last = time.perf_counter()
+        end = min(last + budget.seconds, budget.until)
         while True:
             if steps is not None and len(seconds) >= steps:
                 return seconds
             self.model.step(self.state)
             now = time.perf_counter()
             seconds.append(now - last)
-            spent = now - started + seconds[-1] > budget.seconds
-            if steps is None and (spent or self.model.idle):
+            if steps is None and (now + seconds[-1] > end or self.model.idle):
                 return seconds
             last = now
 

@@ -71,7 +71,7 @@ class SimulationNode(Node):
         self._unknown_tools: list[str] = []
         self._switched = 0
         self._looked_after = 0.0
-        # What a frame takes besides steps, lately: steps stop early enough to publish in time.
+        # What comes after the steps, lately: they stop early enough for publishing in time.
         self._reserve = 0.002
         self._say(bytes(16), 0, Status.LOADING, "loading")
         simulation = self._load()
@@ -200,9 +200,8 @@ class SimulationNode(Node):
     def _frame(self) -> None:
         stamp = self._now()
         begun = time.perf_counter()
-        at_most = self._rate.before_late() - self._reserve
-        frame, answer = self._live.next_frame(begun, at_most)
-        stepped = time.perf_counter()
+        frame, answer = self._live.next_frame(begun, self._rate.late_at - self._reserve)
+        advanced = time.perf_counter()
         if self._live.switched != self._switched:
             self._switched = self._live.switched
             self._keyframes.publish(self._live.prepared, begun)
@@ -212,9 +211,9 @@ class SimulationNode(Node):
         published = time.perf_counter()
         late = self._rate.published()
         answer()
-        beside = published - begun - float(frame.step_seconds.sum())
-        self._reserve = min(max(beside, 0.98 * self._reserve), 0.25 * self._rate.period)
-        self._statistics.add(frame, published - begun, published - stepped)
+        after_steps = published - frame.stepped_at
+        self._reserve = min(max(after_steps, 0.98 * self._reserve), 0.25 * self._rate.period)
+        self._statistics.add(frame, published - begun, published - advanced)
         self._after(frame, late, stamp)
 
     def _publish_tools(self, frame: Frame, stamp: Time) -> None:
