@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import rerun as rr
@@ -141,9 +142,11 @@ class Recording:
                         vertex_positions=vertices, vertex_normals=part.normals(vertices)
                     )
                     self.stream.log(f"organ/{name}", moved)
-        if not self._blueprint_sent:
+        # The list of tools comes a moment after the first state, if at all.
+        if not self._blueprint_sent and (self.organ.tools.by_id or self.states >= 2):
             self._blueprint_sent = True
-            self.stream.send_blueprint(blueprint(positions))
+            tips = [t.tip for t in self.organ.tools.by_id.values() if t.kind == "grab"]
+            self.stream.send_blueprint(blueprint(positions, tips))
         self.states += 1
 
     def _log_topology(self, positions: NDArray[np.float32]) -> None:
@@ -258,21 +261,30 @@ class Recording:
         for status in message.status:
             level = int(status.level)
             text = f"{status.name}: {status.message}"
-            if level and self._warned.get(status.name) != text:
+            # Figures change every second: what is new is a warning in other words.
+            words = re.sub(r"[\d.]+", "#", text)
+            if level and self._warned.get(status.name) != words:
                 self._at(self._received)
                 self.stream.log("events", rr.TextLog(text, level="WARN" if level == 1 else "ERROR"))
-            self._warned[status.name] = text if level else ""
+            self._warned[status.name] = words if level else ""
 
 
-def blueprint(positions: NDArray[np.float32]) -> rrb.Blueprint:
+def blueprint(
+    positions: NDArray[np.float32], tips: Sequence[NDArray[np.float64]] = ()
+) -> rrb.Blueprint:
     """A layout that shows the organ large, with events and forces beside it.
 
     Args:
         positions: Node positions when it starts [m], shape (node_count, 3).
+        tips: Where the tools that grab are then [m]: the organ is looked at from their side.
     """
     low, high = positions.min(axis=0), positions.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-    eye = middle + 1.15 * size * np.array([0.55, -0.75, 0.36])
+    side = np.mean([tip - middle for tip in tips], axis=0) if len(tips) else np.zeros(3)
+    if np.linalg.norm(side) < 0.05 * size:
+        side = np.array([0.55, -0.75, 0.0])
+    side = side / np.linalg.norm(side) + np.array([0.0, 0.0, 0.35])
+    eye = middle + 0.9 * size * side / np.linalg.norm(side)
     organ = rrb.Spatial3DView(
         origin="/",
         contents=["+ /organ/**", "+ /tools/**", "+ /forces/**"],
@@ -281,13 +293,13 @@ def blueprint(positions: NDArray[np.float32]) -> rrb.Blueprint:
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0.0, 0.0, 1.0)),
     )
-    side = rrb.Vertical(
+    beside = rrb.Vertical(
         rrb.TextLogView(origin="/events", name="Events"),
         rrb.TimeSeriesView(origin="/plots/force", name="Force on tools [N]"),
         row_shares=[3, 2],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(organ, side, column_shares=[4, 1]),
+        rrb.Horizontal(organ, beside, column_shares=[4, 1]),
         rrb.TimePanel(state="collapsed", timeline="sim_time"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),
