@@ -13,7 +13,7 @@ from tool_input.page_guard import PageGuard
 
 TISSUE = (196, 92, 84)
 ORGAN_SIZE = 2.0
-"""The organ's largest extent on the page, in the page's own units; viser's camera suits this size."""
+"""The organ's largest extent on the page in its own units; viser's camera suits this size."""
 
 HELP = """
 **Drag on the tissue** to act, drag beside it to turn the view, scroll to zoom.
