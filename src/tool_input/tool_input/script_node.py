@@ -52,7 +52,7 @@ class ScriptNode(Node):
         self.procedure: Procedure = load_procedure(Path(self.settings.procedure))
         self.exit_code = 1
         self._status: Status | None = None
-        self._tools: dict[str, Tool] = {}
+        self._tools: dict[str, Tool] | None = None
         self._topics = {
             name: ToolTopics(self, name, self.procedure.frame_id) for name in self.procedure.tools
         }
@@ -124,7 +124,7 @@ class ScriptNode(Node):
     def _get_ready(self) -> None:
         patience = self.settings.start_timeout
         self._wait(lambda: self._ready(), patience, "tissue/status does not say READY")
-        self._wait(lambda: bool(self._tools) or not self._missing(), 2.0, "")
+        self._wait(lambda: self._tools is not None, patience, "nothing is heard on tissue/tools")
         self._make_tools()
         self._wait(
             lambda: all(topics.matched for topics in self._topics.values()),
@@ -140,12 +140,10 @@ class ScriptNode(Node):
             raise ScriptError(f"the simulation failed: {self._status.message}")
         return self._status is not None and self._status.state == Status.READY
 
-    def _missing(self) -> list[ProcedureTool]:
-        return [tool for name, tool in self.procedure.tools.items() if name not in self._tools]
-
     def _make_tools(self) -> None:
+        known = self._tools or {}
         for name, tool in self.procedure.tools.items():
-            there = self._tools.get(name)
+            there = known.get(name)
             if there is not None and there.kind != tool.kind:
                 raise ScriptError(
                     f"tool {name} is a {there.kind} tool there, not a {tool.kind} tool"
@@ -153,7 +151,7 @@ class ScriptNode(Node):
             if there is None and not tool.shape:
                 raise ScriptError(
                     f"the simulation has no tool {name}; "
-                    f"known: {', '.join(self._tools) or 'none'}. "
+                    f"known: {', '.join(known) or 'none'}. "
                     "Give its shape and size in the procedure, and it will be made"
                 )
             if tool.shape and (
@@ -196,14 +194,12 @@ class ScriptNode(Node):
                 self.get_logger().info(f"{self.procedure.title}: {10 * tenth} %")
 
     def _wait(self, condition: Callable[[], bool], seconds: float, problem: str) -> None:
-        """Wait for a condition; without a problem to report, go on when the time is over."""
+        """Wait for a condition."""
         deadline = time.monotonic() + seconds
         while not condition():
             if self._ended.wait(POLL_SECONDS):
                 raise ScriptError("asked to end before the procedure began")
             if time.monotonic() > deadline:
-                if not problem:
-                    return
                 raise ScriptError(f"{problem} after {seconds:g} s")
 
     def _say(self, text: str) -> None:
