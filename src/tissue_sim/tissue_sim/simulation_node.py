@@ -43,6 +43,9 @@ LOOK_AROUND = 1.0
 PROBATION = 10.0
 """Time from the node's start after which another simulator must be the newer one [s]."""
 
+MARGIN = 0.06
+"""Share of the period that steps leave for what nobody foresees."""
+
 HOUSEKEEPING = 1.0
 """Period of diagnostics and of what the loop looks after between frames [s]."""
 
@@ -200,7 +203,8 @@ class SimulationNode(Node):
     def _frame(self) -> None:
         stamp = self._now()
         begun = time.perf_counter()
-        frame, answer = self._live.next_frame(begun, self._rate.late_at - self._reserve)
+        until = self._rate.late_at - self._reserve - MARGIN * self._rate.period
+        frame, answer = self._live.next_frame(begun, until)
         advanced = time.perf_counter()
         if self._live.switched != self._switched:
             self._switched = self._live.switched
@@ -256,7 +260,8 @@ class SimulationNode(Node):
         elif now - self._looked_after > HOUSEKEEPING and self._rate.slack() > 0.004:
             self._looked_after = now
             self._statistics.residual = simulation.model.residual(simulation.state)
-            gc.collect(1)
+            # Quick, since everything from before the loop is frozen.
+            gc.collect()
 
     def _finish(self) -> None:
         """The number of frames asked for is done: let everybody have the last one, then end."""
