@@ -34,13 +34,16 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     scene = parameter_file(given["scene"])
     where = given["namespace"]
+    # The clock waits for the recorders: a journal that misses frame 1 cannot be replayed.
+    recorders = bool(given["bag"]) + bool(given["rrd"])
+    waiting = [{"wait_for": [f"tissue/journal:{recorders}"]}] if recorders else []
     chosen: list[Node | LogInfo] = [
         LogInfo(msg=f"scene {scene}"),
         Node(
             package="tissue_sim",
             executable="simulation_node",
             namespace=where,
-            parameters=[scene],
+            parameters=[scene, *waiting],
             output="screen",
         ),
         Node(package="cut_service", executable="cut_node", namespace=where, parameters=[scene]),
@@ -50,7 +53,7 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
             package="viz_bridge",
             executable="bag_node",
             namespace=where,
-            parameters=[scene, {"path": given["bag"]}],
+            parameters=[scene, {"bag": given["bag"]}],
         )
         chosen.append(bag)
     if given["rrd"]:
