@@ -33,7 +33,7 @@ class Processes:
         """Whether a process has not ended by itself."""
         return self._running[name].poll() is None
 
-    def signal(self, name: str, number: signal.Signals) -> None:
+    def send(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a process that goes on running."""
         self._running[name].send_signal(number)
 

@@ -273,10 +273,10 @@ def test_a_listener_that_stands_still_delays_nobody(
         epoch = seen.wait_ready()
         wait_for(lambda: len(world.log("listener").split()) > RATE, PATIENCE, "the listener")
         before = seconds_for(seen, 2 * RATE)
-        world.signal("listener", signal.SIGSTOP)
+        world.send("listener", signal.SIGSTOP)
         during = seconds_for(seen, 4 * RATE) / 2
         heard = len(world.log("listener").split())
-        world.signal("listener", signal.SIGCONT)
+        world.send("listener", signal.SIGCONT)
         newest = seen.frames(epoch)[-1]
         wait_for(
             lambda: int(world.log("listener").split()[-1]) >= newest, what="the listener again"
