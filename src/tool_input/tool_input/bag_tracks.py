@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,9 @@ from mcap.reader import McapReader, make_reader
 
 POSE = "geometry_msgs/msg/PoseStamped"
 USE = "std_msgs/msg/Bool"
+DAMAGED = (McapError, OSError, struct.error, UnicodeDecodeError)
+"""What the reader raises on files that were cut off; OSError where it seeks before their start."""
+
 TYPES = {POSE: "servo_cp", USE: "use"}
 
 
@@ -87,7 +91,7 @@ class BagTracks:
                         first = message.log_time if first is None else first
                         seconds = 1e-9 * (message.log_time - first)
                         yield Recorded(seconds, channel.topic, message.data)
-                except McapError as error:
+                except DAMAGED as error:
                     raise _damaged(file, error) from None
 
     def _recorded_types(self) -> dict[str, str]:
@@ -96,9 +100,9 @@ class BagTracks:
             try:
                 with file.open("rb") as stream:
                     types |= _types(make_reader(stream))
-            except OSError as error:
+            except (FileNotFoundError, PermissionError) as error:
                 raise BagError(f"{file}: cannot be read: {error}") from None
-            except McapError as error:
+            except DAMAGED as error:
                 raise _damaged(file, error) from None
         return types
 
