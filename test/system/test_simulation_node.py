@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Status, Tool
 from tissue_interfaces.srv import (
@@ -164,6 +166,9 @@ def test_poses_that_cannot_be_used_are_refused_and_the_tool_stays(tmp_path: Path
         peer.node.create_publisher(PoseStamped, "tools/laser/servo_cp", qos.POSE)
         found = peer.finding("wiring", "laser")
         assert "known tools: grasper" in found.message
+        # `use` needs every edge: a best-effort publisher is not heard, but named.
+        peer.node.create_publisher(Bool, "tools/grasper/use", qos_profile_sensor_data)
+        peer.finding("wiring", "tools/grasper/use: 1 publishers offer an incompatible")
         assert process.process.poll() is None
 
 
