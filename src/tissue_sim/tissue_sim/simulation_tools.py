@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -52,8 +52,7 @@ class ToolSources:
         """Tell the trackers who publishes poses; give the unknown tools that poses are sent to."""
         for tool in self.topics:
             infos = self._node.get_publishers_info_by_topic(f"tools/{tool}/servo_cp")
-            names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos]
-            self._live.post_sources(tool, names)
+            self._live.post_sources(tool, _source_names(infos))
         prefix = self._node.resolve_topic_name("tools/_/servo_cp").removesuffix("_/servo_cp")
         unknown = []
         for topic, _ in self._node.get_topic_names_and_types():
@@ -108,3 +107,18 @@ class ToolSources:
             )
             return
         self._live.post_pose(tool, pose, conversions.nanoseconds_of(message.header.stamp), now)
+
+
+def _source_names(infos: Sequence[Any]) -> list[str]:
+    """Names of the nodes that publish, each once.
+
+    A source that was killed and started again is one source, although the middleware lists the dead
+    publisher for some 20 s more. Publishers without a ROS node count one by one.
+    """
+    names = []
+    for info in infos:
+        name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        if info.node_name.startswith("_"):
+            name += f" {bytes(info.endpoint_gid[:16]).hex()}"
+        names.append(name)
+    return sorted(set(names))
