@@ -43,7 +43,6 @@ setup(
             "rerun_node = viz_bridge.rerun_node:main",
             "bag_node = viz_bridge.bag_node:main",
             "monitor = viz_bridge.monitor:main",
-            "play_node = viz_bridge.play_node:main",
         ],
     },
 )

@@ -94,7 +94,7 @@ def play(
 ) -> None:
     """Publish the topics of a bag at the times they were recorded."""
     from viz_bridge.bag_player import PlayOptions, check_options
-    from viz_bridge.play_node import run_player
+    from viz_bridge.bag_play import run_player
 
     options = PlayOptions(rate, tuple(topics or ()), loop, start_offset)
     check_options(bag, options)

@@ -6,7 +6,7 @@ import numpy as np
 from numba.core import event
 
 from support.split_edit import split_at
-from tissue_sim.frame import Budget, FrameInputs, ToolSample
+from tissue_sim.frame import Budget, Edge, FrameInputs, ToolSample
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.interaction.tools import ToolSpec
@@ -26,7 +26,8 @@ def test_frames_after_the_rehearsal_compile_nothing() -> None:
             tool = ToolSpec("g", size=(0.02,), pose=tuple(pose))
             simulation = Simulation(Mesh(raw, fixed), Scene(model=model, tools=(tool,)))
             budget = Budget(steps=2)
-            for use, edge in ((True, 1), (True, 0), (False, -1)):
+            presses: tuple[tuple[bool, Edge], ...] = ((True, 1), (True, 0), (False, -1))
+            for use, edge in presses:
                 sample = ToolSample("g", pose, 1, use, edge)
                 edits = (split_at(simulation.mesh, 0.03, 0.02),) if edge == 0 else ()
                 frame = simulation.advance(FrameInputs(edits=edits, tools=(sample,)), budget)
