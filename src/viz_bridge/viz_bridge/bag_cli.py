@@ -93,8 +93,8 @@ def play(
     start_offset: Annotated[float, typer.Option(help="Skip so many seconds.")] = 0.0,
 ) -> None:
     """Publish the topics of a bag at the times they were recorded."""
-    from viz_bridge.bag_player import PlayOptions, check_options
     from viz_bridge.bag_play import run_player
+    from viz_bridge.bag_player import PlayOptions, check_options
 
     options = PlayOptions(rate, tuple(topics or ()), loop, start_offset)
     check_options(bag, options)

@@ -21,6 +21,7 @@ ROS_SIDE = (
     "tissue_sim/simulation_tools.py",
     "tissue_sim/simulation_topics.py",
     "viz_bridge/bag_play.py",
+    "viz_bridge/monitor.py",
     "viz_bridge/recorded_topics.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
