@@ -27,6 +27,7 @@ from tissue_sim import guardian
 PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None, use_errno=True)
 POLL_SECONDS = 0.05
+IDLE_LOOKS = 50
 
 
 class LaunchError(RuntimeError):
@@ -206,6 +207,24 @@ class Launcher:
         code = process.exit_code
         return 1 if code is None else code
 
+    def wait_until_idle(self, seconds: float, *names: str) -> bool:
+        """Wait until processes have nothing to do; whether they have not before the time was over.
+
+        A process is idle when, for half a second, it was asleep nearly always: one that is starved
+        by others uses no processor time either, but is not asleep.
+        """
+        deadline = time.monotonic() + seconds
+        looks, awake = 0, 0
+        while looks < IDLE_LOOKS:
+            if time.monotonic() > deadline:
+                return False
+            looks += 1
+            awake += any(_is_awake(self.processes[name].popen) for name in names)
+            if awake > IDLE_LOOKS // 8:
+                looks, awake = 0, 0
+            time.sleep(POLL_SECONDS / 5)
+        return True
+
     def stop(self, *names: str) -> None:
         """End processes, all if none is named: SIGINT, then SIGTERM, then SIGKILL."""
         chosen = [self.processes[name] for name in names] or list(self.processes.values())
@@ -242,6 +261,15 @@ class Launcher:
             with contextlib.suppress(BrokenPipeError):
                 self._guardian.stdin.write(f"{word} {group}\n".encode())
                 self._guardian.stdin.flush()
+
+
+def _is_awake(popen: subprocess.Popen[bytes]) -> bool:
+    """Whether a thread of a process runs or waits for a processor."""
+    for thread in Path(f"/proc/{popen.pid}/task").glob("*/stat"):
+        with contextlib.suppress(OSError):
+            if thread.read_text().rpartition(")")[2].split()[0] in "RD":
+                return True
+    return False
 
 
 def describe_exit(code: int) -> str:

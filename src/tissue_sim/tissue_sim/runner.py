@@ -18,7 +18,6 @@ from tissue_sim.launcher import Launcher, LaunchError, describe_exit
 from tissue_sim.run_report import print_report, read_report
 from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene, is_mesh_file
 from tissue_sim.session import (
-    MONITOR,
     SCRIPT,
     SIMULATION_PROCESS,
     SessionPlan,
@@ -187,8 +186,6 @@ def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
         while True:
             launcher.check()
             time.sleep(0.2)
-    if MONITOR in launcher.processes:
-        launcher.stop(MONITOR)
 
 
 def _script_problems(launcher: Launcher) -> list[str]:

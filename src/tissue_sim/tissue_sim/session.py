@@ -13,6 +13,9 @@ import yaml
 from tissue_sim.launcher import Launcher, ProcessSpec, module_command
 from tissue_sim.scene_file import SceneFile
 
+CATCH_UP_SECONDS = 20.0
+"""Longest wait for what listens to take what was sent."""
+
 VIEWER_NICENESS = 5
 """What only watches stands back for what must be on time."""
 
@@ -186,7 +189,10 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
-    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE, MONITOR), (BAG, RERUN)):
+    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE,), (MONITOR, BAG, RERUN)):
         there = [name for name in names if name in launcher.processes]
+        if BAG in there:
+            # On a busy machine seconds of a session may still wait in the recorders' queues.
+            launcher.wait_until_idle(CATCH_UP_SECONDS, *there)
         if there:
             launcher.stop(*there)

@@ -118,6 +118,14 @@ def test_niceness_and_environment_reach_the_process(tmp_path: Path) -> None:
     assert fruit == "pear"
 
 
+def test_busy_process_is_not_idle_and_a_sleeping_one_is(tmp_path: Path) -> None:
+    with Launcher(tmp_path) as launcher:
+        launcher.start(ProcessSpec("busy", ["sh", "-c", "while true; do true; done"], niceness=10))
+        launcher.start(ProcessSpec("asleep", ["sleep", "600"]))
+        assert launcher.wait_until_idle(20.0, "asleep")
+        assert not launcher.wait_until_idle(1.0, "busy", "asleep")
+
+
 def test_exit_codes_in_words() -> None:
     assert describe_exit(2) == "exit code 2"
     assert describe_exit(-9) == "signal SIGKILL"
