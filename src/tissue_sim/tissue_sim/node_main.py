@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
 import sys
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 from tissue_sim.parameters import ParameterError, Spec, refuse_unknown
 
@@ -141,16 +144,16 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     stay_local()
     nodes: list[Node] = []
     code = 0
+    end = _End()
     try:
         try:
-            _spin(factory, args, nodes)
+            _spin(factory, args, nodes, end)
         except (ValueError, OSError, rclpy_implementation.RCLError) as error:
             if not (nodes and isinstance(error, rclpy_implementation.RCLError)) or rclpy.ok():
                 print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr, flush=True)
                 code = 2
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
-        # Ctrl-C ends the context first and reaches Python a moment later, wherever that is.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     for node in nodes:
         close = getattr(node, "close", None)
@@ -162,12 +165,50 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     return code
 
 
-def _spin(factory: Callable[[], Node], args: list[str] | None, nodes: list[Node]) -> None:
-    """Make the node and spin it until the context ends."""
-    rclpy.init(args=args)
+class _End:
+    """Notices Ctrl-C and SIGTERM while the executor waits.
+
+    rclpy's own handler ends the context at once, under the feet of threads that still publish. Here
+    the node is closed first: Python's handler interrupts only the making of the node; later a byte
+    that the signal writes wakes the executor.
+
+    Attributes:
+        asked: Whether to end.
+        executor: What to wake; None while the node is being made.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.executor: SingleThreadedExecutor | None = None
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
+        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._interrupt)
+        threading.Thread(target=self._watch, name="end", daemon=True).start()
+
+    def _interrupt(self, *_: object) -> None:
+        self.asked = True
+        if self.executor is None:
+            raise KeyboardInterrupt
+
+    def _watch(self) -> None:
+        while self._reader.recv(1):
+            self.asked = True
+            if self.executor is not None:
+                self.executor.wake()
+
+
+def _spin(
+    factory: Callable[[], Node], args: list[str] | None, nodes: list[Node], end: _End
+) -> None:
+    """Make the node and spin it until the end is asked for or the context ends."""
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     with contextlib.suppress(ExternalShutdownException):
         node = factory()
         nodes.append(node)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin()
+        end.executor = executor
+        while rclpy.ok() and not end.asked:
+            executor.spin_once()
