@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import copy
 import itertools
-import logging
 import math
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,63 +26,9 @@ from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
+from tissue_sim.requests import Job, PlannedEdit, Request, refuse
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
-
-Done = Callable[[Answer], None]
-
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Request:
-    """Something asked of the simulation.
-
-    Attributes:
-        kind: grab, release, set_tool, remove_tool, pause, set_model, save, load, reset or edit.
-        arguments: What it needs.
-        request_id: Set by the client.
-        done: Called with the answer, in the loop thread or a worker thread.
-    """
-
-    kind: str
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    request_id: str = ""
-    done: Done = lambda _answer: None
-
-
-@dataclass(frozen=True)
-class PlannedEdit:
-    """An edit and the epoch it was planned in: the arguments of an `edit` request."""
-
-    edit: TopologyEdit
-    epoch: bytes
-
-
-class _Job:
-    """Work beside the loop; its result is looked for between frames."""
-
-    def __init__(self, request: Request, work: Callable[[], Any]) -> None:
-        self.request = request
-        self.result: Any = None
-        self.error = ""
-        self._thread = threading.Thread(target=self._run, args=(work,), name=request.kind)
-        self._thread.daemon = True
-        self._thread.start()
-
-    @property
-    def over(self) -> bool:
-        return not self._thread.is_alive()
-
-    def _run(self, work: Callable[[], Any]) -> None:
-        try:
-            self.result = work()
-        except ValueError as error:
-            self.error = str(error)
-        except Exception as error:
-            # Whatever happens beside the loop must reach whoever asked, not end the loop.
-            log.exception("%s failed", self.request.kind)
-            self.error = f"{type(error).__name__}: {error}"
 
 
 class LiveSimulation:
@@ -130,8 +74,8 @@ class LiveSimulation:
         self._inbox: deque[Callable[[], None]] = deque()
         self._requests: deque[Request] = deque()
         self._edits: deque[Request] = deque()
-        self._job: _Job | None = None
-        self._saves: list[_Job] = []
+        self._job: Job | None = None
+        self._saves: list[Job] = []
         self._ids = itertools.count(1)
         for tool in simulation.tools.values():
             self.trackers[tool.id] = ToolTracker(tool, limits)
@@ -249,9 +193,9 @@ class LiveSimulation:
             request = self._edits.popleft()
             planned: PlannedEdit = request.arguments["planned"]
             if self.loading:
-                _refuse(request, "BUSY", f"a {self.busy_with} is running")
+                refuse(request, "BUSY", f"a {self.busy_with} is running")
             elif planned.epoch != self.simulation.epoch:
-                _refuse(
+                refuse(
                     request,
                     "STALE",
                     f"planned in epoch {planned.epoch.hex()}; the tissue is in epoch "
@@ -264,12 +208,12 @@ class LiveSimulation:
 
     def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
         if self.loading:
-            _refuse(request, "BUSY", f"a {self.busy_with} is running")
+            refuse(request, "BUSY", f"a {self.busy_with} is running")
         elif request.kind == "save":
             self._save(request)
         elif request.kind in ("set_model", "load", "reset"):
             if self._job:
-                _refuse(request, "BUSY", f"a {self.busy_with} is running")
+                refuse(request, "BUSY", f"a {self.busy_with} is running")
             else:
                 self._begin(request)
         else:
@@ -283,21 +227,21 @@ class LiveSimulation:
             try:
                 checked_model(name, parameters)
             except CommandError as error:
-                _refuse(request, error.code, str(error))
+                refuse(request, error.code, str(error))
                 return
-            self._job = _Job(request, lambda: simulation.build_model(name, parameters))
+            self._job = Job(request, lambda: simulation.build_model(name, parameters))
         elif request.kind == "load":
             try:
                 snapshot.path_of(self._data_dir, str(arguments["name"]))
             except snapshot.SnapshotNameError as error:
-                _refuse(request, "BAD_NAME", str(error))
+                refuse(request, "BAD_NAME", str(error))
                 return
             scene = self._scene()
-            self._job = _Job(request, lambda: self._loaded(str(arguments["name"]), scene))
+            self._job = Job(request, lambda: self._loaded(str(arguments["name"]), scene))
         else:
             scene, pristine = self._scene(), self._pristine
             scene = replace(scene, displacement=simulation.scene.displacement)
-            self._job = _Job(request, lambda: self._epoch(pristine, scene))
+            self._job = Job(request, lambda: self._epoch(pristine, scene))
 
     def _scene(self) -> Scene:
         """The scene to begin anew with: the model and the tools of now."""
@@ -325,10 +269,10 @@ class LiveSimulation:
         try:
             snapshot.path_of(self._data_dir, name)
         except snapshot.SnapshotNameError as error:
-            _refuse(request, "BAD_NAME", str(error))
+            refuse(request, "BAD_NAME", str(error))
             return
         now = snapshot.take(self.simulation.mesh, self.simulation.state.displacement)
-        self._saves.append(_Job(request, lambda: snapshot.save(now, self._data_dir, name)))
+        self._saves.append(Job(request, lambda: snapshot.save(now, self._data_dir, name)))
 
     def _finish_jobs(self, commands: list[Command], answers_to: list[Request]) -> None:
         for save in [job for job in self._saves if job.over]:
@@ -355,7 +299,7 @@ class LiveSimulation:
         answers_to.append(request)
 
     @staticmethod
-    def _answer_job(job: _Job, message: str) -> None:
+    def _answer_job(job: Job, message: str) -> None:
         request, error = job.request, job.error
         code = "OUT_OF_RANGE" if request.kind == "set_model" else "FAILED"
         request.done(
@@ -377,10 +321,6 @@ class LiveSimulation:
                 self.trackers[tool.id] = ToolTracker(tool, self._limits)
             elif self.trackers[tool.id].spec != tool:
                 self.trackers[tool.id].change(tool)
-
-
-def _refuse(request: Request, error: str, message: str) -> None:
-    request.done(Answer(request.request_id, False, message, error))
 
 
 def mesh_for_keyframe(mesh: Mesh) -> Mesh:

@@ -16,10 +16,9 @@ from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.subscription import Subscription
 from tissue_interfaces.msg import Status, Topology
 
-from tissue_sim import conversions, qos
+from tissue_sim import conversions
 from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
 from tissue_sim.frame import Frame
 from tissue_sim.geometry import scene_geometry
@@ -32,17 +31,12 @@ from tissue_sim.realtime import FixedRate, prepare_process, take_priority
 from tissue_sim.rehearsal import rehearse
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
+from tissue_sim.simulation_rivals import Rivals
 from tissue_sim.simulation_services import SimulationServices
 from tissue_sim.simulation_tools import ToolSources
 from tissue_sim.simulation_topics import Keyframes, SimulationTopics
 
 NODE = "tissue_sim"
-LOOK_AROUND = 1.0
-"""Time from the node's start after which another simulator has usually been seen [s]."""
-
-PROBATION = 10.0
-"""Time from the node's start after which another simulator must be the newer one [s]."""
-
 MARGIN = 0.06
 """Share of the period that steps leave for what nobody foresees."""
 
@@ -59,11 +53,11 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__(NODE)
-        self._started = time.perf_counter()
         self.exit_code = 0
         self._values = declare(self, specs(overrides(self)))
         self._settings = Settings.of(self._values)
         self._topics = SimulationTopics(self, self._settings.frames.organ)
+        self._rivals = Rivals(self, self._topics.state.topic_name)
         self._keyframes = Keyframes(self._topics)
         self._statistics = LoopStatistics()
         self._rate = FixedRate(self._settings.scene.rate_hz)
@@ -78,7 +72,7 @@ class SimulationNode(Node):
         self._reserve = 0.002
         self._say(bytes(16), 0, Status.LOADING, "loading")
         simulation = self._load()
-        self._refuse_second()
+        self._rivals.refuse()
         self._live = LiveSimulation(
             simulation, self._settings.limits, self._settings.data_dir, self._settings.budget,
             self._settings.steps_per_frame, self._first_keyframe,
@@ -93,9 +87,7 @@ class SimulationNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
         group = MutuallyExclusiveCallbackGroup()
         self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
-        self._other_status: Subscription | None = None
-        self._probation = self.create_timer(0.2, self._look_for_second, callback_group=group)
-        self._ready_at = time.time_ns()
+        self._rivals.watch(lambda: self._live.simulation.epoch, self._give_way)
         prepare_process()
         # The executor's thread holds Python's lock at times: the loop must not wait for a thread
         # that others keep from running.
@@ -136,38 +128,10 @@ class SimulationNode(Node):
         )
         return simulation
 
-    def _refuse_second(self) -> None:
-        """Refuse to start beside another simulator of the same tissue/state."""
-        self._stop.wait(max(0.0, LOOK_AROUND - (time.perf_counter() - self._started)))
-        if self.count_publishers(self._topics.state.topic_name) > 1:
-            raise ValueError(self._second)
-
-    @property
-    def _second(self) -> str:
-        return (
-            f"another simulator publishes {self._topics.state.topic_name} already; start this one "
-            "in another namespace (-r __ns:=/other) or ROS_DOMAIN_ID"
-        )
-
-    def _look_for_second(self) -> None:
-        """Discovery can be slow: for a while look for a simulator that was there before."""
-        if time.perf_counter() - self._started > PROBATION:
-            self.destroy_timer(self._probation)
-            if self._other_status is not None:
-                self.destroy_subscription(self._other_status)
-        elif not self._other_status and self.count_publishers(self._topics.state.topic_name) > 1:
-            self._other_status = self.create_subscription(
-                Status, "tissue/status", self._on_other_status, qos.LATCHED
-            )
-
-    def _on_other_status(self, status: Status) -> None:
-        """Of two simulators the one that was ready later ends."""
-        mine = conversions.epoch_of(status) == self._live.simulation.epoch
-        there_before = conversions.nanoseconds_of(status.header.stamp) < self._ready_at
-        if not mine and there_before and status.state != Status.LOADING:
-            self.get_logger().fatal(self._second)
-            self.exit_code = 2
-            self.context.try_shutdown()
+    def _give_way(self, reason: str) -> None:
+        self.get_logger().fatal(reason)
+        self.exit_code = 2
+        self.context.try_shutdown()
 
     def _first_keyframe(self, simulation: Simulation) -> Topology:
         mesh = mesh_for_keyframe(simulation.mesh)

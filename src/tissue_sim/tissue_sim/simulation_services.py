@@ -24,7 +24,8 @@ from tissue_interfaces.srv import (
 
 from tissue_sim import conversions
 from tissue_sim.frame import Answer
-from tissue_sim.live import LiveSimulation, PlannedEdit, Request
+from tissue_sim.live import LiveSimulation
+from tissue_sim.requests import PlannedEdit, Request
 
 REMEMBERED = 1024
 """Answers kept for repeated requests."""

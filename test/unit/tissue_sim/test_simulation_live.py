@@ -17,7 +17,8 @@ from tissue_sim import snapshot
 from tissue_sim.frame import Answer, Frame, JournalEntry
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.journal import epochs_of, replay
-from tissue_sim.live import LiveSimulation, PlannedEdit, Request
+from tissue_sim.live import LiveSimulation
+from tissue_sim.requests import PlannedEdit, Request
 
 PATIENCE = 60.0
 
