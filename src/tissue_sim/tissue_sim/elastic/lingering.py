@@ -17,6 +17,10 @@ WIDEN_EVERY = 8
 UNFLIP_WITHIN = 32
 """Sweeps within which every lingering node's elements are looked at once for inversion."""
 
+MOST_VISITED = 6000
+"""Most nodes a sweep visits: a longer list is visited in parts, so that a large release does not
+make steps longer than a frame."""
+
 
 class Lingering:
     """Nodes outside the region that are swept until none of them moves any more.
@@ -42,7 +46,8 @@ class Lingering:
         """
         self.springs, self._joins = springs, joins
         self._momentum = springs.dtype(momentum)
-        self.count = self._sweeps = self._since_flip = 0
+        self.count = self._sweeps = self._since_flip = self._visited = 0
+        self._farthest = 0.0
         capacity = springs.mesh.node_capacity
         self.nodes = np.zeros(capacity, dtype=np.uint32)
         self.member = np.zeros(capacity, dtype=np.bool_)
@@ -79,22 +84,35 @@ class Lingering:
             self.elsewhere, displaced, self.member, self._last_move, self.nodes,
         )  # fmt: skip
 
+    def _next_part(self) -> tuple[int, int]:
+        """The part of the list that the next sweep visits: all of it if that is not too long."""
+        begin = self._visited if self._visited < self.count else 0
+        end = min(begin + MOST_VISITED, self.count)
+        self._visited = end
+        return begin, end
+
     def sweep(self, state: State, order: NodeOrdering, begin: int, step: np.floating) -> float:
         """One sweep. Modifies the state in place.
 
         Returns:
-            Largest squared distance that a node moved [m^2]; infinite as long as elements may be
-            inverted.
+            Largest squared distance that a node moved [m^2] since the list was begun; infinite as
+            long as it is not through, or elements may be inverted.
         """
         self._sweeps += 1
         if self._joins and self._sweeps % WIDEN_EVERY == 0:
             self.choose(state, order, begin, displaced=True)
+        begin, end = self._next_part()
         moved = float(
             sweep_nodes_with_momentum(
-                self.nodes, 0, self.count, self.springs.arrays, state.prescribed, step,
+                self.nodes, begin, end, self.springs.arrays, state.prescribed, step,
                 self._momentum, self.springs.tiny, state.displacement, self._last_move,
             )
         )  # fmt: skip
+        self._farthest = max(self._farthest, moved)
+        if end == self.count:
+            moved, self._farthest = self._farthest, 0.0
+        else:
+            moved = np.inf
         part = self._sweeps % UNFLIP_WITHIN
         put_back = unflip_nodes(
             self.nodes, self.count * part // UNFLIP_WITHIN,
