@@ -18,6 +18,7 @@ from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.kernels.relaxation import REMOVED_LENGTH
 
 LENGTH = 0.01
 
@@ -32,10 +33,10 @@ def single_spring(limit: float, u: float, held: list[int], full: int = 0) -> flo
     )
     hold(model, state, held, mesh)
     order = model.relaxation.order
-    keep = [k for k in range(order.used) if {order.list.first[k], order.list.second[k]} == {0, 1}]
-    for array in (order.list.first, order.list.second, order.list.length):
-        array[0] = array[keep[0]]
-    order.used = 1
+    order.advance()
+    for k in range(order.used):
+        if {order.list.first[k], order.list.second[k]} != {0, 1}:
+            order.list.length[k] = REMOVED_LENGTH
     state.displacement[1, 0] = u
     model.step(state)
     x = mesh.rest + state.displacement

@@ -197,7 +197,7 @@ def tool_state(peer: Client, state: str, reason: str) -> Tool:
 
 def test_jumps_freeze_and_stale_tools_let_go(tmp_path: Path) -> None:
     with (
-        simulation(tmp_path, pose_timeout=0.4, release_timeout=1.0, **GRASPER),
+        simulation(tmp_path, pose_timeout=1.5, release_timeout=3.0, **GRASPER),
         client() as peer,
     ):
         hearing(peer, "tissue/tools", "tissue/journal", "tools/grasper/measured_cp")

@@ -39,7 +39,7 @@ SPECS = (
         "s", 0.1, 60.0,
     ),
     Spec(
-        "tissue_timeout", "double", 2.0,
+        "tissue_timeout", "double", 5.0,
         "longest wait for the topology and state a request needs", "s", 0.1, 60.0,
     ),
     Spec(

@@ -44,8 +44,12 @@ EDITS = _profile(1024, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MAX_UNKEYED_EDITS = 512
 """A keyframe is published before so many edits lie unkeyed: half of what `EDITS` keeps."""
 
-JOURNAL = _profile(1000)
-"""tissue/journal: a gap would end the replay."""
+JOURNAL = _profile(1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""tissue/journal: a gap would end the replay. Whoever finds the publisher seconds after it was found
+by it still gets the first frames."""
+
+JOURNAL_CLOCK = _profile(10)
+"""tissue/journal for those that only want to know what time it is."""
 
 CUT_REQUEST = _profile(10)
 """tissue/cut_request."""

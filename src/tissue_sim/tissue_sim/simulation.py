@@ -91,6 +91,7 @@ class Simulation:
         self.paused = False
         self.model: Model = self.build_model(self.scene.model, {})
         self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
+        self.model.prescribed_changed(self.state, self.holds.rows)
         self._prepared: dict[str, tuple[int, Model]] = {}
         self._good = self.state.displacement.copy()
         self._buffers = [np.zeros((mesh.node_capacity, 3), dtype=np.float32) for _ in range(2)]

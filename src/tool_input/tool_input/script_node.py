@@ -63,7 +63,7 @@ class ScriptNode(Node):
         self.create_subscription(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
         if self._clock_source is not None:
             self.create_subscription(
-                Journal, "tissue/journal", self._clock_source.hear, qos.JOURNAL
+                Journal, "tissue/journal", self._clock_source.hear, qos.JOURNAL_CLOCK
             )
         self._player = Player(self.procedure, self)
         self._ended = threading.Event()

@@ -75,13 +75,13 @@ class LocalRelaxation(SpringModel):
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order nodes and springs anew from the held nodes."""
         self.active.prescribed_changed(state, held)
-        self.relaxation.order.order(self.active.ordering, state.prescribed)
+        self.relaxation.prescribed_changed(self.active.ordering)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         springs = self.springs.follow(change)
         self.active.follow(change, state)
-        self.relaxation.order.follow(springs)
+        self.relaxation.follow(springs)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free active node [N]."""

@@ -1,15 +1,14 @@
-"""The order in which sweeps visit nodes and springs."""
+"""The order in which sweeps visit nodes."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.springs import REMOVED, SpringChange, SpringNetwork
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels import orderings
 from tissue_sim.kernels.orderings import UNREACHED
-from tissue_sim.kernels.springs import SpringList
 
 WHOLE_ORGAN = 10000
 """Cut-off level that means: no cut-off."""
@@ -102,68 +101,3 @@ class NodeOrdering:
     def _rank_all(self) -> None:
         self.rank[:] = UNREACHED
         self.rank[self.nodes[: self.used]] = np.arange(self.used, dtype=np.int32)
-
-
-class SpringOrdering:
-    """Springs in the order of a relaxation pass: each at its end that the nodes' order has first.
-
-    Springs that an edit makes are visited last until the next ordering; removed ones leave a
-    tombstone.
-    """
-
-    def __init__(self, springs: SpringNetwork) -> None:
-        self.springs = springs
-        self.used = 0
-        self._allocate(len(springs.springs.ends))
-
-    def _allocate(self, capacity: int) -> None:
-        self._first = np.zeros(capacity, dtype=np.uint32)
-        self._second = np.zeros(capacity, dtype=np.uint32)
-        self._length = np.zeros(capacity, dtype=self.springs.dtype)
-        self._place_of = np.full(capacity, UNREACHED, dtype=np.int32)
-
-    @property
-    def list(self) -> SpringList:
-        """The springs for the kernels; valid in [0, used)."""
-        return SpringList(self.springs.arrays.rest, self._first, self._second, self._length)
-
-    def order(self, nodes: NodeOrdering, prescribed: NDArray[np.bool_]) -> None:
-        """List the springs anew along an order of nodes."""
-        springs, arrays = self.springs, self.springs.arrays
-        if len(self._place_of) < springs.rows:
-            self._allocate(len(springs.springs.ends))
-        self._place_of[:] = UNREACHED
-        self.used = orderings.order_springs(
-            nodes.nodes, nodes.used, nodes.rank, arrays.start, arrays.degree, arrays.neighbour,
-            springs.spring_of, arrays.length, prescribed,
-            self._first, self._second, self._length, self._place_of,
-        )  # fmt: skip
-
-    def follow(self, change: SpringChange) -> None:
-        """Follow what an edit did to the springs, in time proportional to it."""
-        springs = self.springs.springs
-        self._reserve(len(springs.ends), len(change.rows))
-        places = self._place_of[change.rows]
-        listed = places != UNREACHED
-        removed = change.kinds == REMOVED
-        gone = places[listed & removed]
-        self._second[gone] = self._first[gone]
-        kept = listed & ~removed
-        self._length[places[kept]] = springs.length[change.rows[kept]]
-        made = change.rows[~listed & ~removed]
-        end = self.used + len(made)
-        self._first[self.used : end] = springs.ends[made, 0]
-        self._second[self.used : end] = springs.ends[made, 1]
-        self._length[self.used : end] = springs.length[made]
-        self._place_of[made] = np.arange(self.used, end, dtype=np.int32)
-        self.used = end
-
-    def _reserve(self, rows: int, more: int) -> None:
-        short = max(rows, self.used + more) - len(self._first)
-        if short > 0:
-            extra = short + len(self._first) // 4
-            for name in ("_first", "_second", "_length"):
-                array = getattr(self, name)
-                setattr(self, name, np.concatenate([array, np.zeros(extra, dtype=array.dtype)]))
-            unlisted = np.full(extra, UNREACHED, dtype=np.int32)
-            self._place_of = np.concatenate([self._place_of, unlisted])

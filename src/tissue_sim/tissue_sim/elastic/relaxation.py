@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Material, Parameter, State
-from tissue_sim.elastic.ordering import NodeOrdering, SpringOrdering
+from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.spring_model import SpringModel
+from tissue_sim.elastic.spring_ordering import SpringOrdering
 from tissue_sim.elastic.springs import SpringChange, SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.kernels.springs import relax_springs
+from tissue_sim.kernels.relaxation import relax_springs
 
 PASSES = Parameter("passes", 1, 1, 100, "", "relaxation passes in a step", integer=True)
 FULL_EXCESS = Parameter(
@@ -41,6 +42,10 @@ class RelaxationPass:
         self.order = SpringOrdering(springs)
         self._passes = int(values["passes"])
         self._limits = np.array([eps, eps * (2 + eps), -eps * (2 - eps), share], springs.dtype)
+        self._seen = np.zeros((springs.mesh.node_capacity, 3), dtype=springs.dtype)
+        self._moved_in = np.zeros(springs.mesh.node_capacity, dtype=np.int32)
+        self._number = 0
+        self._look_at_all = True
 
     def run(self, state: State) -> int:
         """The passes of one step. Modifies the state in place.
@@ -50,11 +55,32 @@ class RelaxationPass:
         """
         outside = 0
         for _ in range(self._passes):
+            self._number += 1
+            # Another order may list springs that the one before did not.
+            look_at_all = self.order.advance() or self._look_at_all
+            self._look_at_all = False
             outside = relax_springs(
-                self.order.list, 0, self.order.used, state.prescribed, self._limits,
-                self.springs.tiny, state.displacement,
+                self.springs.mesh.node_rows, self.order.used, self.order.list, self._number,
+                0 if look_at_all else self._number - 1, state.prescribed, self._limits,
+                self.springs.tiny, self._moved_in, self._seen, state.displacement,
             )  # fmt: skip
         return int(outside)
+
+    def prescribed_changed(self, nodes: NodeOrdering) -> None:
+        """Order the springs anew along the nodes, which have been ordered anew."""
+        self.order.order(nodes)
+        # What was held inside its limits by a tool may be free now.
+        self._look_at_all = True
+
+    def follow(self, change: SpringChange) -> None:
+        """Follow what an edit did to the springs; the order of nodes must have followed before."""
+        self.order.follow(change)
+        self._look_at_all = True
+        extra = self.springs.mesh.node_capacity - len(self._seen)
+        if extra > 0:
+            more = np.zeros((extra, 3), dtype=self._seen.dtype)
+            self._seen = np.concatenate([self._seen, more])
+            self._moved_in = np.concatenate([self._moved_in, np.zeros(extra, dtype=np.int32)])
 
 
 class Relaxation(SpringModel):
@@ -89,13 +115,13 @@ class Relaxation(SpringModel):
         if len(held) or not self._ordered:
             self._nodes.search(held.astype(np.int32), state.prescribed)
             self._ordered = bool(len(held))
-        self.relaxation.order.order(self._nodes, state.prescribed)
+        self.relaxation.prescribed_changed(self._nodes)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         springs: SpringChange = self.springs.follow(change)
         self._nodes.follow(change)
-        self.relaxation.order.follow(springs)
+        self.relaxation.follow(springs)
 
     def residual(self, state: State) -> float:
         """Has no meaning without forces: nan."""

@@ -83,47 +83,6 @@ def append_rest(
 
 
 @njit(cache=True, nogil=True)
-def order_springs(
-    nodes: NDArray[np.uint32],
-    used: int,
-    rank: NDArray[np.int32],
-    start: NDArray[np.uint32],
-    count: NDArray[np.uint32],
-    neighbour: NDArray[np.uint32],
-    spring_of: NDArray[np.int32],
-    length_of: NDArray[np.floating],
-    prescribed: NDArray[np.bool_],
-    first: NDArray[np.uint32],
-    second: NDArray[np.uint32],
-    length: NDArray[np.floating],
-    place_of: NDArray[np.int32],
-) -> int:
-    """List every spring once, at the end that comes earlier in the order of nodes.
-
-    Springs between two prescribed nodes are left out. Writes `first`, `second`, `length` (the
-    list), and `place_of` (the place of each spring row in the list, -1 where it is not in it).
-
-    Returns:
-        Length of the list.
-    """
-    n = 0
-    for place in range(used):
-        i = nodes[place]
-        for entry in range(start[i], start[i] + count[i]):
-            j = neighbour[entry]
-            spring = spring_of[entry]
-            if rank[j] != UNREACHED and rank[j] < place:
-                continue
-            if prescribed[i] and prescribed[j]:
-                place_of[spring] = -1
-                continue
-            first[n], second[n], length[n] = i, j, length_of[entry]
-            place_of[spring] = n
-            n += 1
-    return n
-
-
-@njit(cache=True, nogil=True)
 def leave_lingering(nodes: NDArray[np.uint32], end: int, member: NDArray[np.bool_]) -> None:
     """Nodes of the region, nodes[:end], linger no more. Modifies `member` in place."""
     for place in range(end):

@@ -1,4 +1,4 @@
-"""Loops over springs: node sweeps, relaxation passes, time steps and forces.
+"""Loops over springs: node sweeps, time steps and forces.
 
 Symbols: X rest position [m], u displacement [m], D = X_j - X_i, w = u_j - u_i, e = D + w the
 present edge, l = |e| its length, l0 = |D|, k stiffness [N/m]. Lengths are never subtracted from
@@ -47,21 +47,6 @@ class SpringArrays(NamedTuple):
     degree: NDArray[np.uint32]
     neighbour: NDArray[np.uint32]
     stiffness: NDArray[np.floating]
-    length: NDArray[np.floating]
-
-
-class SpringList(NamedTuple):
-    """Springs one after the other in the order of a pass, as kernels read them.
-
-    Attributes:
-        rest: Rest positions as in `SpringArrays`.
-        first, second: Node rows of the ends, uint32; equal for a tombstone.
-        length: l0 [m].
-    """
-
-    rest: NDArray[np.floating]
-    first: NDArray[np.uint32]
-    second: NDArray[np.uint32]
     length: NDArray[np.floating]
 
 
@@ -214,76 +199,6 @@ def largest_force(
             largest = max(largest, squared)
             largest_step = max(largest_step, squared / (K * K))
     return largest, largest_step
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def relax_springs(
-    springs: SpringList,
-    begin: int,
-    end: int,
-    prescribed: NDArray[np.bool_],
-    limits: NDArray[np.floating],
-    tiny: np.floating,
-    u: NDArray[np.floating],
-) -> int:
-    """One relaxation pass over springs[begin:end]. Modifies `u` in place.
-
-    A spring outside [l0 (1 - eps), l0 (1 + eps)] is put at that limit by moving its ends along it.
-    The test needs no
-    square root: l > l0 (1 + eps) is q > l0^2 eps (2 + eps), and l < l0 (1 - eps) is q < -l0^2 eps
-        (2 - eps).
-
-    Args:
-        springs: Springs in the order of the pass.
-        begin: First spring.
-        end: One past the last.
-        prescribed: Nodes that do not move; the other end takes all.
-        limits: eps, eps (2 + eps), -eps (2 - eps), and the share of the excess that each of two
-            free ends takes.
-        tiny: `TINY` in the precision of `u`.
-        u: Displacements [m].
-
-    Returns:
-        Number of springs that were outside their limits.
-    """
-    rest, first, second, length = springs
-    eps, upper, lower, share = limits[0], limits[1], limits[2], limits[3]
-    outside = 0
-    for spring in range(begin, end):
-        a, b = first[spring], second[spring]
-        w0, w1, w2 = u[b, 0] - u[a, 0], u[b, 1] - u[a, 1], u[b, 2] - u[a, 2]
-        e0 = rest[b, 0] - rest[a, 0] + w0
-        e1 = rest[b, 1] - rest[a, 1] + w1
-        e2 = rest[b, 2] - rest[a, 2] + w2
-        q = (e0 + e0 - w0) * w0 + (e1 + e1 - w1) * w1 + (e2 + e2 - w2) * w2
-        l0 = length[spring]
-        squared = l0 * l0
-        if lower * squared <= q <= upper * squared:
-            continue
-        length_now = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
-        excess = q / (length_now + l0)
-        excess = excess - eps * l0 if q > tiny - tiny else excess + eps * l0
-        excess /= length_now
-        if prescribed[a]:
-            if prescribed[b]:
-                continue
-            u[b, 0] -= excess * e0
-            u[b, 1] -= excess * e1
-            u[b, 2] -= excess * e2
-        elif prescribed[b]:
-            u[a, 0] += excess * e0
-            u[a, 1] += excess * e1
-            u[a, 2] += excess * e2
-        else:
-            excess *= share
-            u[a, 0] += excess * e0
-            u[a, 1] += excess * e1
-            u[a, 2] += excess * e2
-            u[b, 0] -= excess * e0
-            u[b, 1] -= excess * e1
-            u[b, 2] -= excess * e2
-        outside += 1
-    return outside
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
