@@ -45,7 +45,7 @@ MAX_UNKEYED_EDITS = 512
 """A keyframe is published before so many edits lie unkeyed: half of what `EDITS` keeps."""
 
 JOURNAL = _profile(1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""tissue/journal: a gap would end the replay. Whoever finds the publisher seconds after it was found
+"""tissue/journal: a gap would end the replay. Who finds the publisher seconds after it was found
 by it still gets the first frames."""
 
 JOURNAL_CLOCK = _profile(10)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,20 +29,28 @@ def prepare_process() -> None:
     gc.disable()
 
 
-def take_priority(priority: int) -> str:
-    """Let the calling thread go before ordinary ones. Threads it starts are ordinary.
+def take_priority(priority: int, everywhere: bool = False) -> str:
+    """Let the calling thread, and threads it starts from now on, go before ordinary ones.
 
     Args:
-        priority: SCHED_FIFO priority from 1 to 99; 0 leaves the thread as it is.
+        priority: SCHED_FIFO priority from 1 to 99; 0 leaves everything as it is.
+        everywhere: Also all other threads that the process has now. The loop waits for them: for
+            Python's lock and for those of the middleware. It would wait long for one that holds a
+            lock and is kept from running by another process.
 
     Returns:
         Why the system does not allow it, and what would; empty: it does.
     """
     if priority == 0:
         return ""
+    threads = [0]
+    if everywhere:
+        threads += [int(task.name) for task in Path("/proc/self/task").iterdir()]
     try:
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        for thread in threads:
+            # A thread may have ended meanwhile.
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
         return (
             f"the loop runs without real-time priority ({error.strerror}): other processes can "

@@ -89,9 +89,7 @@ class SimulationNode(Node):
         self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
         self._rivals.watch(lambda: self._live.simulation.epoch, self._give_way)
         prepare_process()
-        # The executor's thread holds Python's lock at times: the loop must not wait for a thread
-        # that others keep from running.
-        refused = take_priority(max(self._values["realtime_priority"] - 1, 0))
+        refused = take_priority(max(self._values["realtime_priority"] - 1, 0), everywhere=True)
         if refused:
             self.get_logger().info(refused)
         self._thread = threading.Thread(target=self._run, name="loop", daemon=True)

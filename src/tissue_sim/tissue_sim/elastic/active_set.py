@@ -92,7 +92,7 @@ class ActiveSet:
         self._find_elsewhere(state, released)
         self._was_told = True
         if self.keep_until_rest:
-            self.lingering.choose(state, self.ordering, self.end, displaced=True)
+            self.lingering.choose(state, self.ordering, self.end)
         else:
             self.lingering.clear()
 
@@ -150,7 +150,7 @@ class ActiveSet:
             return
         _, step = self._largest(state, self.ordering.nodes, self.ordering.used)
         if step > self._tolerance:
-            self.lingering.choose(state, self.ordering, 0, displaced=True)
+            self.lingering.choose(state, self.ordering, 0)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free active node [N]."""
@@ -176,8 +176,8 @@ class ActiveSet:
             self.end = self.ordering.end_of(self.levels)
         if self.keep_until_rest:
             self._near.search(change.nodes, state.prescribed, self.levels)
-            self.lingering.member[self._near.nodes[: self._near.used]] = True
-            self.lingering.choose(state, self.ordering, self.end, displaced=False)
+            near = self._near.nodes[: self._near.used]
+            self.lingering.join(near, self.ordering, self.end, state)
 
     def _match_capacity(self) -> None:
         extra = self.springs.mesh.node_capacity - len(self.lingering.member)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import NodeOrdering
@@ -67,22 +68,34 @@ class Lingering:
         self.member[:] = False
         self.count = 0
 
-    def choose(self, state: State, order: NodeOrdering, begin: int, displaced: bool) -> None:
+    def choose(self, state: State, order: NodeOrdering, begin: int) -> None:
         """List the members behind the region, in the order of the nodes.
+
+        Displaced nodes of `elsewhere` become members.
 
         Args:
             state: Displacements and prescribed nodes.
             order: Order of the nodes.
             begin: Place in it where the region ends.
-            displaced: Whether displaced nodes of `elsewhere` become members.
         """
-        if not displaced or not self.count:
+        if not self.count:
             self._since_flip = 0
         orderings.leave_lingering(order.nodes, begin, self.member)
         self.count = orderings.pick_lingering(
             order.nodes, begin, order.used, state.displacement, state.prescribed,
-            self.elsewhere, displaced, self.member, self._last_move, self.nodes,
+            self.elsewhere, self.member, self._last_move, self.nodes,
         )  # fmt: skip
+
+    def join(
+        self, nodes: NDArray[np.uint32], order: NodeOrdering, begin: int, state: State
+    ) -> None:
+        """Let free nodes behind the region linger too, each in its place in the order."""
+        new = nodes[~self.member[nodes] & ~state.prescribed[nodes] & (order.rank[nodes] >= begin)]
+        self.member[new] = True
+        self._since_flip = 0
+        joined = np.concatenate([self.nodes[: self.count], new])
+        self.count = len(joined)
+        self.nodes[: self.count] = joined[np.argsort(order.rank[joined])]
 
     def _next_part(self) -> tuple[int, int]:
         """The part of the list that the next sweep visits: all of it if that is not too long."""
@@ -100,7 +113,7 @@ class Lingering:
         """
         self._sweeps += 1
         if self._joins and self._sweeps % WIDEN_EVERY == 0:
-            self.choose(state, order, begin, displaced=True)
+            self.choose(state, order, begin)
         begin, end = self._next_part()
         moved = float(
             sweep_nodes_with_momentum(
@@ -116,8 +129,8 @@ class Lingering:
         part = self._sweeps % UNFLIP_WITHIN
         put_back = unflip_nodes(
             self.nodes, self.count * part // UNFLIP_WITHIN,
-            self.count * (part + 1) // UNFLIP_WITHIN, self.springs.elements, self.springs.arrays,
-            state.displacement, self._last_move,
+            self.count * (part + 1) // UNFLIP_WITHIN, self.springs.mesh.rest, self.springs.elements,
+            self.springs.arrays, state.displacement, self._last_move,
         )  # fmt: skip
         # Rest counts only when all elements have been looked at since the last one was turned.
         self._since_flip = 0 if put_back else self._since_flip + 1

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.positions import carry_moved
 
 
 @dataclass(frozen=True)
@@ -108,15 +109,13 @@ class State:
             array[change.copied_nodes] = array[change.copy_parents]
 
     def _move(self, mesh: Mesh, change: EditChange) -> None:
-        anchors = change.moved_anchors
-        rest_before = mesh.rest[anchors]
-        place = np.full(mesh.node_rows, -1)
-        place[change.moved_nodes] = np.arange(len(change.moved_nodes))
-        was_moved = place[anchors] >= 0
-        rest_before[was_moved] = change.old_moved_rest[place[anchors[was_moved]]]
+        place_of = np.full(mesh.node_rows, -1, dtype=np.int32)
+        place_of[change.moved_nodes] = np.arange(len(change.moved_nodes))
         for array in (self.displacement, self.previous):
-            place_now = np.einsum("ij,ijk->ik", change.moved_weights, rest_before + array[anchors])
-            array[change.moved_nodes] = place_now - mesh.rest[change.moved_nodes]
+            carry_moved(
+                change.moved_nodes, change.moved_anchors, change.moved_weights,
+                change.old_moved_rest, place_of, mesh.rest, array,
+            )  # fmt: skip
 
 
 @runtime_checkable

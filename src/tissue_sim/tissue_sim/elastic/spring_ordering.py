@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import REMOVED, SpringChange, SpringNetwork
 from tissue_sim.kernels.orderings import UNREACHED
-from tissue_sim.kernels.relaxation import BLOCK, REMOVED_LENGTH, SpringList, list_springs
+from tissue_sim.kernels.relaxation import (
+    BLOCK,
+    REMOVED_LENGTH,
+    SpringList,
+    list_springs,
+    relist,
+)
 
 NODES_A_PASS = 4000
 """Nodes whose springs are listed before each pass while a new order is made: a few tenths of a
@@ -108,24 +113,10 @@ class _Listing:
         """Change, bury and append springs."""
         springs = self._springs.springs
         self._reserve(len(springs.ends), len(change.rows))
-        places = self._place_of[change.rows]
-        listed = places != UNREACHED
-        removed = change.kinds == REMOVED
-        self.list.length[places[listed & removed]] = REMOVED_LENGTH
-        self._enter(places[listed & ~removed], change.rows[listed & ~removed])
-        made = change.rows[~listed & ~removed]
-        end = self.used + len(made)
-        places = np.arange(self.used, end, dtype=np.int32)
-        self.list.first[places], self.list.second[places] = springs.ends[made].T
-        self._place_of[made] = places
-        self._enter(places, made)
-        self.used = end
-
-    def _enter(self, places: NDArray[np.int32], rows: NDArray[np.int32]) -> None:
-        first, second, edge, length = self.list
-        rest = self._springs.arrays.rest
-        length[places] = self._springs.springs.length[rows]
-        edge[places] = rest[second[places]] - rest[first[places]]
+        self.used = relist(
+            change.rows, change.kinds == REMOVED, springs.ends, springs.length,
+            self._springs.arrays.rest, self.used, self.list, self._place_of,
+        )  # fmt: skip
 
     def _reserve(self, rows: int, more: int) -> None:
         short = max(rows, self.used + more) - len(self._place_of)

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.edit import EditChange
-from tissue_sim.geometry.incidence import sorted_unique
-from tissue_sim.geometry.mesh import NO_ROW, Mesh
+from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels import networks
 from tissue_sim.kernels.springs import TINY, SpringArrays
 
-EDGES_OF_TET = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 LIST_SLACK = 2
 NOTHING, CHANGED, MADE, REMOVED = range(4)
 
@@ -49,7 +47,6 @@ class SpringNetwork:
         rows: Rows of springs in use.
         springs: Ends, stiffness, rest length and existence by row, float64; capacity may exceed
             `rows`.
-        masses: Mass of each node [kg], shape (node_capacity,), float64.
         tiny: `TINY` in the kernels' precision.
         version: Version of the mesh that the network is in step with.
 
@@ -69,8 +66,10 @@ class SpringNetwork:
         self._origin = np.round(mesh.rest[: mesh.node_rows].mean(axis=0) * 8) / 8
         self._rest = np.zeros((mesh.node_capacity, 3), dtype=dtype)
         self._rest[: mesh.node_rows] = mesh.rest[: mesh.node_rows] - self._origin
-        self.masses = np.zeros(mesh.node_capacity)
-        self._weigh(np.arange(mesh.node_rows, dtype=np.int32))
+        self._volumes = np.zeros(mesh.element_capacity)
+        self._measure(np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32))
+        self._masses = np.zeros(mesh.node_capacity)
+        self._to_weigh = [np.arange(mesh.node_rows, dtype=np.int32)]
         self.springs, self.rows = self._build_rows()
         self._lists, self._used = self._build_lists()
         networks.fill_lists(self.springs, self.rows, self._lists)
@@ -81,6 +80,15 @@ class SpringNetwork:
     def arrays(self) -> SpringArrays:
         """Springs by node for the kernels; edits may replace the arrays, so do not keep them."""
         return self._arrays
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each node [kg], shape (node_capacity,); weighed when somebody asks."""
+        for nodes in self._to_weigh:
+            networks.node_volumes(nodes, self.elements, self._scratch(), self._masses)
+            self._masses[nodes] *= self.material.density
+        self._to_weigh.clear()
+        return self._masses
 
     @property
     def spring_of(self) -> NDArray[np.int32]:
@@ -112,9 +120,11 @@ class SpringNetwork:
             )
         self._grow_nodes()
         self._rest[change.nodes] = self.mesh.rest[change.nodes] - self._origin
-        self._weigh(change.nodes)
+        self._measure(change.elements)
+        self._measure(change.neighbours)
+        self._to_weigh.append(change.nodes)
         edges = self._edges_to_repair(change)
-        self._reserve(edges)
+        self._reserve(len(edges), change.nodes)
         kinds = np.empty(len(edges), dtype=np.int8)
         rows = np.empty(len(edges), dtype=np.int32)
         self.rows, self._used = networks.repair(
@@ -131,16 +141,18 @@ class SpringNetwork:
         """The mesh for the kernels; edits may replace the arrays."""
         mesh, incident = self.mesh, self.mesh.incident
         return networks.Elements(
-            mesh.rest, mesh.tets, incident.start, incident.count, incident.data
+            mesh.tets, self._volumes, incident.start, incident.count, incident.data
         )
+
+    def _measure(self, elements: NDArray[np.int32]) -> None:
+        short = self.mesh.element_capacity - len(self._volumes)
+        if short > 0:
+            self._volumes = np.concatenate([self._volumes, np.zeros(short)])
+        networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
 
     def _scratch(self) -> NDArray[np.int32]:
         longest = int(self.mesh.incident.count.max(initial=0))
         return np.empty(longest + 1, dtype=np.int32)
-
-    def _weigh(self, nodes: NDArray[np.int32]) -> None:
-        networks.node_volumes(nodes, self.elements, self._scratch(), self.masses)
-        self.masses[nodes] *= self.material.density
 
     def _build_rows(self) -> tuple[networks.Springs, int]:
         mesh = self.mesh
@@ -180,16 +192,15 @@ class SpringNetwork:
         )
 
     def _edges_to_repair(self, change: EditChange) -> NDArray[np.int32]:
-        elements = self.mesh.incident.of_all(change.moved_nodes)
-        tets = np.concatenate([change.old_elements, change.new_elements, self.mesh.tets[elements]])
-        return _edges_of(tets[tets[:, 0] != NO_ROW])
+        around = self.mesh.tets[change.neighbours]
+        return _edges_of(np.concatenate([change.old_elements, change.new_elements, around]))
 
     def _grow_nodes(self) -> None:
         capacity = self.mesh.node_capacity
         if capacity == len(self._rest):
             return
         self._rest = _padded(self._rest, capacity)
-        self.masses = _padded(self.masses, capacity)
+        self._masses = _padded(self._masses, capacity)
         lists = self._lists
         self._lists = lists._replace(
             start=_padded(lists.start, capacity),
@@ -198,16 +209,16 @@ class SpringNetwork:
         )
         self._expose()
 
-    def _reserve(self, edges: NDArray[np.int32]) -> None:
+    def _reserve(self, edges: int, nodes: NDArray[np.int32]) -> None:
+        """Make room for new springs between nodes."""
         springs, lists = self.springs, self._lists
-        if self.rows + len(edges) > len(springs.ends):
-            capacity = len(springs.ends) * 5 // 4 + len(edges)
+        if self.rows + edges > len(springs.ends):
+            capacity = len(springs.ends) * 5 // 4 + edges
             self.springs = networks.Springs(*(_padded(array, capacity) for array in springs))
         # A list of n springs that a more are added to is copied while it doubles: at most 8 + 4 (n
         # + a) places.
-        nodes = sorted_unique(edges.ravel())
         rooms = int(lists.room[nodes].sum(dtype=np.int64))
-        worst = 8 * len(nodes) + 4 * (rooms + edges.size)
+        worst = 8 * len(nodes) + 4 * (rooms + 2 * edges)
         if self._used + worst > len(lists.neighbour):
             places = len(lists.neighbour) * 5 // 4 + worst
             self._lists = lists._replace(
@@ -229,8 +240,9 @@ def _padded(array: NDArray, rows: int) -> NDArray:
 
 
 def _edges_of(tets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Distinct edges of elements, lower row first, sorted, shape (n, 2)."""
-    first, second = tets[:, EDGES_OF_TET[:, 0]].ravel(), tets[:, EDGES_OF_TET[:, 1]].ravel()
-    keys = np.minimum(first, second).astype(np.int64) << 32
-    keys = sorted_unique(keys | np.maximum(first, second))
-    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
+    """Distinct edges of elements, -1 for none, lower row first, sorted, shape (n, 2)."""
+    keys = np.empty(6 * len(tets), dtype=np.int64)
+    used = networks.edge_keys(tets, keys)
+    keys = np.sort(keys[:used])
+    edges = np.empty((used, 2), dtype=np.int32)
+    return edges[: networks.distinct_edges(keys, edges)]

@@ -124,6 +124,8 @@ class EditChange:
         elements: Rows of elements rewritten, removed or added, shape (e,).
         old_elements: Node rows of those elements before, shape (e, 4); -1 where the element is new.
         new_elements: Node rows after, shape (e, 4); -1 where it was removed.
+        neighbours: Sorted rows of the elements that met a moved node, those rewritten or removed
+            included, shape (n,).
         nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes
             of all elements incident to a moved node included, shape (k,).
     """
@@ -138,4 +140,5 @@ class EditChange:
     elements: NDArray[np.int32]
     old_elements: NDArray[np.int32]
     new_elements: NDArray[np.int32]
+    neighbours: NDArray[np.int32]
     nodes: NDArray[np.int32]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.incidence import among
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
 
@@ -22,6 +23,14 @@ NOBODY = 0
 
 def _no_rows() -> Rows:
     return np.empty(0, dtype=np.int32)
+
+
+def _places_in(ordered: Rows, rows: Rows) -> NDArray[np.intp]:
+    """Place of each row in ascending rows, -1 where it is not there."""
+    if not len(ordered):
+        return np.full(len(rows), -1)
+    place = np.minimum(np.searchsorted(ordered, rows), len(ordered) - 1)
+    return np.where(ordered[place] == rows, place, -1)
 
 
 @dataclass
@@ -178,24 +187,24 @@ class Holds:
         positions: NDArray[np.float64],
         pose: NDArray[np.float64],
     ) -> None:
-        _, place, moved = np.intersect1d(hold.rows, change.moved_nodes, return_indices=True)
-        if len(place):
-            hold.local[place] = rigid.to_local(pose, positions[moved])
+        order = np.argsort(hold.rows)
+        place = _places_in(hold.rows[order], change.moved_nodes)
+        moved = place >= 0
+        if moved.any():
+            hold.local[order[place[moved]]] = rigid.to_local(pose, positions[moved])
 
     def _follow_copies(self, hold: Hold, change: EditChange) -> None:
         if not len(change.copied_nodes):
             return
-        order = np.argsort(hold.rows, kind="stable")
-        ordered = hold.rows[order]
-        place = np.searchsorted(ordered, change.copy_parents)
-        place[place == len(ordered)] = 0
-        if len(ordered):
-            mine = ordered[place] == change.copy_parents
+        order = np.argsort(hold.rows)
+        place = _places_in(hold.rows[order], change.copy_parents)
+        mine = place >= 0
+        if mine.any():
             rows = change.copied_nodes[mine]
             hold.local = np.concatenate([hold.local, hold.local[order[place[mine]]]])
             hold.rows = np.concatenate([hold.rows, rows])
             self.owner[rows] = hold.id
-        waits = np.isin(change.copy_parents, hold.waiting)
+        waits = among(change.copy_parents, hold.waiting)
         hold.waiting = np.concatenate([hold.waiting, change.copied_nodes[waits]])
 
     def place(

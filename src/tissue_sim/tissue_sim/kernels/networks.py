@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 
 class Elements(NamedTuple):
-    """What the sums need of a mesh: rest positions [m], elements and the elements at each node."""
+    """What the sums need of a mesh: elements, their rest volumes [m^3] and those at each node."""
 
-    rest: NDArray[np.float64]
     tets: NDArray[np.int32]
+    volumes: NDArray[np.float64]
     start: NDArray[np.int64]
     degree: NDArray[np.int32]
     data: NDArray[np.int32]
@@ -46,6 +46,32 @@ class Springs(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
+def edge_keys(tets: NDArray[np.int32], keys: NDArray[np.int64]) -> int:
+    """Write lower row * 2^32 + higher row for each edge of elements, -1 for none; how many."""
+    used = 0
+    for tet in tets:
+        if tet[0] < 0:
+            continue
+        for i in range(3):
+            for j in range(i + 1, 4):
+                low, high = min(tet[i], tet[j]), max(tet[i], tet[j])
+                keys[used] = (np.int64(low) << 32) | np.int64(high)
+                used += 1
+    return used
+
+
+@njit(cache=True, nogil=True)
+def distinct_edges(keys: NDArray[np.int64], edges: NDArray[np.int32]) -> int:
+    """Write the rows of each distinct one of sorted keys, shape (n, 2); returns n."""
+    used = 0
+    for place in range(len(keys)):
+        if place == 0 or keys[place] != keys[place - 1]:
+            edges[used, 0], edges[used, 1] = keys[place] >> 32, keys[place] & 0xFFFFFFFF
+            used += 1
+    return used
+
+
+@njit(cache=True, nogil=True)
 def _volume(rest, tet):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     a, b, c, d = rest[tet[0]], rest[tet[1]], rest[tet[2]], rest[tet[3]]
     p0, p1, p2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -53,6 +79,18 @@ def _volume(rest, tet):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     r0, r1, r2 = d[0] - a[0], d[1] - a[1], d[2] - a[2]
     cross = p0 * (q1 * r2 - q2 * r1) + p1 * (q2 * r0 - q0 * r2) + p2 * (q0 * r1 - q1 * r0)
     return abs(cross) / 6.0
+
+
+@njit(cache=True, nogil=True)
+def measure_volumes(
+    rows: NDArray[np.int32],
+    rest: NDArray[np.float64],
+    tets: NDArray[np.int32],
+    out: NDArray[np.float64],
+) -> None:
+    """Rest volumes of elements [m^3]. Writes out[rows]; elements of nodes -1 have none."""
+    for row in rows:
+        out[row] = _volume(rest, tets[row]) if tets[row, 0] >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -75,7 +113,7 @@ def volume_at(elements: Elements, node: int, other: int, found: NDArray[np.int32
             n += 1
     total = 0.0
     for place in range(n):
-        total += _volume(elements.rest, elements.tets[found[place]])
+        total += elements.volumes[found[place]]
     return total
 
 
@@ -208,7 +246,11 @@ def repair(
     for n in range(len(edges)):
         a, b = edges[n]
         place = _find(lists, a, b)
-        volume = volume_at(elements, a, b, found)
+        # The elements at both ends are those of either; the shorter list is read.
+        if elements.degree[a] <= elements.degree[b]:
+            volume = volume_at(elements, a, b, found)
+        else:
+            volume = volume_at(elements, b, a, found)
         kind[n] = 0
         if volume == 0.0:
             if place >= 0:

@@ -97,7 +97,6 @@ def pick_lingering(
     u: NDArray[np.floating],
     prescribed: NDArray[np.bool_],
     elsewhere: NDArray[np.bool_],
-    displaced: bool,
     member: NDArray[np.bool_],
     last_move: NDArray[np.floating],
     out: NDArray[np.uint32],
@@ -111,7 +110,6 @@ def pick_lingering(
         u: Displacements [m].
         prescribed: Nodes that do not move.
         elsewhere: Where displaced nodes may become members.
-        displaced: Whether they do.
         member: Whether a node lingers; modified in place.
         last_move: Last move of each lingering node [m]; zeroed for those that are none.
         out: The members; written.
@@ -122,7 +120,7 @@ def pick_lingering(
     n = 0
     for place in range(begin, end):
         i = nodes[place]
-        if displaced and elsewhere[i] and (u[i, 0] != 0 or u[i, 1] != 0 or u[i, 2] != 0):
+        if elsewhere[i] and (u[i, 0] != 0 or u[i, 1] != 0 or u[i, 2] != 0):
             member[i] = True
         if prescribed[i]:
             member[i] = False

@@ -34,3 +34,38 @@ def place_nodes(
         if not good:
             bad += 1
     return bad
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def carry_moved(
+    moved: NDArray[np.int32],
+    anchors: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    old_rest: NDArray[np.float64],
+    place_of: NDArray[np.int32],
+    rest: NDArray[np.float64],
+    displacement: NDArray[np.floating],
+) -> None:
+    """Put nodes whose rest position moved to the mean of their anchors as they were.
+
+    Modifies `displacement` [m], shape (n, 3), in place.
+
+    Args:
+        moved: Rows of the nodes, shape (m,).
+        anchors: Rows of the anchors of each, shape (m, 4).
+        weights: Weights of the anchors, shape (m, 4).
+        old_rest: Rest positions of the moved nodes before [m], shape (m, 3).
+        place_of: Place of each node in `moved`, -1 for those not in it, shape (n,).
+        rest: Rest positions now [m], shape (n, 3).
+    """
+    places = np.zeros((len(moved), 3))
+    for k in range(len(moved)):
+        for corner in range(4):
+            anchor = anchors[k, corner]
+            was = place_of[anchor]
+            for axis in range(3):
+                before = old_rest[was, axis] if was >= 0 else rest[anchor, axis]
+                places[k, axis] += weights[k, corner] * (before + displacement[anchor, axis])
+    for k in range(len(moved)):
+        for axis in range(3):
+            displacement[moved[k], axis] = places[k, axis] - rest[moved[k], axis]

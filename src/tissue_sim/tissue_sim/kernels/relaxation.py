@@ -72,6 +72,51 @@ def list_springs(
     return used
 
 
+@njit(cache=True, nogil=True)
+def relist(
+    rows: NDArray[np.int32],
+    removed: NDArray[np.bool_],
+    ends: NDArray[np.int32],
+    lengths: NDArray[np.float64],
+    rest: NDArray[np.floating],
+    used: int,
+    out: SpringList,
+    place_of: NDArray[np.int32],
+) -> int:
+    """Bury, change or append springs. Modifies `out` and `place_of` in place.
+
+    Args:
+        rows: Rows of the springs.
+        removed: Which of them are there no more.
+        ends: Node rows of each spring row, shape (spring_rows, 2).
+        lengths: Rest length of each spring row [m].
+        rest: Rest positions in the kernels' precision [m], shape (node_capacity, 3).
+        used: Length of the list.
+        out: The list, with room for all.
+        place_of: Place of each spring row in it, -1 for none.
+
+    Returns:
+        Length of the list afterwards.
+    """
+    for k in range(len(rows)):
+        spring = rows[k]
+        place = place_of[spring]
+        if removed[k]:
+            if place >= 0:
+                out.length[place] = REMOVED_LENGTH
+            continue
+        if place < 0:
+            place = used
+            used += 1
+            place_of[spring] = place
+            out.first[place], out.second[place] = ends[spring, 0], ends[spring, 1]
+        out.length[place] = lengths[spring]
+        i, j = out.first[place], out.second[place]
+        for axis in range(3):
+            out.edge[place, axis] = rest[j, axis] - rest[i, axis]
+    return used
+
+
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def _too_much(spring, edge, length, limits, tiny, w0, w1, w2):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Share of the present edge that is beyond a spring's limit, negative if it is too short."""

@@ -31,6 +31,7 @@ def unflip_nodes(
     nodes: NDArray[np.uint32],
     begin: int,
     end: int,
+    rest: NDArray[np.float64],
     elements: Elements,
     springs: SpringArrays,
     u: NDArray[np.floating],
@@ -45,6 +46,7 @@ def unflip_nodes(
         nodes: Nodes to look at, none of them prescribed.
         begin: First place in `nodes`.
         end: One past the last.
+        rest: Rest positions [m], shape (node_capacity, 3).
         elements: The mesh.
         springs: Springs by node.
         u: Displacements [m]; modified in place.
@@ -58,7 +60,7 @@ def unflip_nodes(
         i = nodes[place]
         first, inverted = elements.start[i], False
         for entry in range(first, first + elements.degree[i]):
-            if _is_inverted(elements.rest, u, elements.tets[elements.data[entry]]):
+            if _is_inverted(rest, u, elements.tets[elements.data[entry]]):
                 inverted = True
                 break
         if not inverted:
