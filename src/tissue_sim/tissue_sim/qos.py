@@ -24,15 +24,15 @@ STATE = _profile(1)
 POSE = _profile(1)
 """What publishers of tools/<tool>/servo_cp offer."""
 
-POSE_IN = _profile(16, ReliabilityPolicy.BEST_EFFORT)
+POSE_IN = _profile(1000, ReliabilityPolicy.BEST_EFFORT)
 """Subscriber to tools/<tool>/servo_cp: best effort matches both kinds of publisher. Only the newest
-pose is used; the queue is deeper so that none is lost, and no jump appears, while the executor is
-busy."""
+pose of a frame is used; the queue holds all that come in one, so that none is lost, uncounted or
+unchecked."""
 
 MEASURED = _profile(1)
 """tools/<tool>/measured_cp and measured_cf."""
 
-USE = _profile(10)
+USE = _profile(100)
 """tools/<tool>/use and tools/<tool>/clutch: every edge counts."""
 
 LATCHED = _profile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -165,6 +165,7 @@ class SimulationNode(Node):
     def _frame(self) -> None:
         stamp = self._now()
         begun = time.perf_counter()
+        self._sources.take()
         until = self._rate.late_at - self._reserve - MARGIN * self._rate.period
         frame, answer = self._live.next_frame(begun, until)
         advanced = time.perf_counter()

@@ -9,17 +9,22 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from tissue_sim import conversions, qos
 from tissue_sim.frames import Frames, UnknownFrameError
 from tissue_sim.interaction.rigid import PoseError, checked_pose
 from tissue_sim.live import LiveSimulation
+from tissue_sim.polled_subscription import Polled, messages
 from tissue_sim.simulation_topics import ToolTopics
 
 
 class ToolSources:
-    """Subscriptions and publishers of every tool; runs in the executor's thread.
+    """Subscriptions and publishers of every tool.
+
+    They come and go in the executor's thread; what comes through them is taken in the loop's, at
+    the beginning of a frame.
 
     Attributes:
         topics: Publishers by tool; replaced as a whole, so that the loop thread may read it.
@@ -30,23 +35,32 @@ class ToolSources:
         self.topics: dict[str, ToolTopics] = {}
         self.bad_qos: dict[str, str] = {}
         self._node, self._live, self._frames = node, live, frames
-        self._subscriptions: dict[str, list[Any]] = {}
+        # Replaced as a whole, too.
+        self._subscriptions: dict[str, tuple[Subscription, ...]] = {}
+        self._polled = Polled()
 
     def follow(self, tools: Iterable[str]) -> None:
         """Subscribe and publish for these tools and no others."""
         wanted = list(tools)
-        topics = dict(self.topics)
+        topics, subscriptions = dict(self.topics), dict(self._subscriptions)
         for gone in [tool for tool in topics if tool not in wanted]:
-            for subscription in self._subscriptions.pop(gone):
+            leaving, unheard = topics.pop(gone), subscriptions.pop(gone)
+            self.topics, self._subscriptions = dict(topics), dict(subscriptions)
+            for subscription in unheard:
                 self._node.destroy_subscription(subscription)
-            leaving = topics.pop(gone)
-            self.topics = dict(topics)
             leaving.destroy(self._node)
         for tool in wanted:
             if tool not in topics:
                 topics[tool] = ToolTopics(self._node, tool, self._frames.organ)
-                self._subscriptions[tool] = self._subscribe(tool)
-        self.topics = topics
+                subscriptions[tool] = self._subscribe(tool)
+        self.topics, self._subscriptions = topics, subscriptions
+
+    def take(self) -> None:
+        """Hand over what has come since the last frame."""
+        for subscriptions in self._subscriptions.values():
+            for subscription in subscriptions:
+                for message in messages(subscription):
+                    subscription.callback(message)
 
     def watch_sources(self) -> list[str]:
         """Tell the trackers who publishes poses; give the unknown tools that poses are sent to."""
@@ -62,7 +76,7 @@ class ToolSources:
                     unknown.append(tool)
         return unknown
 
-    def _subscribe(self, tool: str) -> list[Any]:
+    def _subscribe(self, tool: str) -> tuple[Subscription, ...]:
         def on_pose(message: PoseStamped) -> None:
             self._on_pose(tool, message)
 
@@ -79,12 +93,16 @@ class ToolSources:
             (Bool, "clutch", on_clutch, qos.USE),
         ):
             topic = f"tools/{tool}/{name}"
-            made.append(
-                self._node.create_subscription(
-                    message, topic, callback, profile, event_callbacks=self._events(topic)
-                )
-            )
-        return made
+            subscription = self._node.create_subscription(
+                message, topic, callback, profile, callback_group=self._polled,
+                event_callbacks=self._events(topic),
+            )  # fmt: skip
+            # Events of the subscription remain the executor's.
+            for handler in subscription.event_handlers:
+                handler.callback_group = self._node.default_callback_group
+                handler.callback_group.add_entity(handler)
+            made.append(subscription)
+        return tuple(made)
 
     def _events(self, topic: str) -> SubscriptionEventCallbacks:
         def incompatible(info: Any) -> None:
