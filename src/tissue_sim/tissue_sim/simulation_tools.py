@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
@@ -67,6 +68,7 @@ class ToolSources:
         for tool in self.topics:
             infos = self._node.get_publishers_info_by_topic(f"tools/{tool}/servo_cp")
             self._live.post_sources(tool, _source_names(infos))
+        self.bad_qos = dict(self._incompatible())
         prefix = self._node.resolve_topic_name("tools/_/servo_cp").removesuffix("_/servo_cp")
         unknown = []
         for topic, _ in self._node.get_topic_names_and_types():
@@ -75,6 +77,18 @@ class ToolSources:
                 if tool not in self.topics and self._node.count_publishers(topic):
                     unknown.append(tool)
         return unknown
+
+    def _incompatible(self) -> Iterator[tuple[str, str]]:
+        """Topics, and who offers them so that nothing arrives; poses always do."""
+        for tool in self.topics:
+            for topic in (f"tools/{tool}/use", f"tools/{tool}/clutch"):
+                for info in self._node.get_publishers_info_by_topic(topic):
+                    result, reason = qos_check_compatible(info.qos_profile, qos.USE)
+                    if result == QoSCompatibility.ERROR:
+                        yield topic, (
+                            f"{topic}: {', '.join(_source_names([info]))} offers an incompatible "
+                            f"quality of service ({reason.rstrip('; ')})"
+                        )
 
     def _subscribe(self, tool: str) -> tuple[Subscription, ...]:
         def on_pose(message: PoseStamped) -> None:
@@ -95,23 +109,11 @@ class ToolSources:
             topic = f"tools/{tool}/{name}"
             subscription = self._node.create_subscription(
                 message, topic, callback, profile, callback_group=self._polled,
-                event_callbacks=self._events(topic),
+                # An executor that waits for events of a subscription wakes for its messages too.
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             )  # fmt: skip
-            # Events of the subscription remain the executor's.
-            for handler in subscription.event_handlers:
-                handler.callback_group = self._node.default_callback_group
-                handler.callback_group.add_entity(handler)
             made.append(subscription)
         return tuple(made)
-
-    def _events(self, topic: str) -> SubscriptionEventCallbacks:
-        def incompatible(info: Any) -> None:
-            self.bad_qos[topic] = (
-                f"{topic}: {info.total_count} publishers offer an incompatible quality of service "
-                f"({info.last_policy_kind})"
-            )
-
-        return SubscriptionEventCallbacks(incompatible_qos=incompatible)
 
     def _on_pose(self, tool: str, message: PoseStamped) -> None:
         now = time.perf_counter()
