@@ -136,12 +136,13 @@ _HANDLERS: dict[str, Callable[[Simulation, Mapping[str, Any], str], _Result]] = 
 }
 
 
-def finite_edit(weights: np.ndarray, rest: np.ndarray) -> str:
-    """What is wrong with the numbers of an edit; empty: nothing."""
-    if not (np.isfinite(weights).all() and np.isfinite(rest).all()):
-        return "a weight or a rest position is not finite"
-    if len(weights) and np.abs(weights.sum(axis=1) - 1.0).max() > 1e-6:
+def wrong_weights(weights: np.ndarray) -> str:
+    """What is wrong with the weights of an edit's moved nodes; empty: nothing."""
+    if not len(weights):
+        return ""
+    # Whoever is not a number compares as false; Mesh.apply refuses it.
+    if np.abs(weights.sum(axis=1) - 1.0).max() > 1e-6:
         return "the weights of a moved node do not add up to 1"
-    if len(weights) and np.abs(weights).max() > 100.0:
+    if np.abs(weights).max() > 100.0:
         return "a moved node lies far outside of its anchors"
     return ""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.commands import execute, finite_edit
+from tissue_sim.commands import execute, wrong_weights
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.frame import (
@@ -227,7 +227,7 @@ class Simulation:
     def _apply(self, plan: TopologyEdit) -> tuple[AppliedEdit | None, Answer]:
         started = time.perf_counter()
         try:
-            wrong = finite_edit(plan.moved_weights, plan.moved_rest)
+            wrong = wrong_weights(plan.moved_weights)
             if wrong:
                 raise EditError(wrong)
             change = self.mesh.apply(plan)
@@ -237,11 +237,12 @@ class Simulation:
             return None, Answer(plan.request_id, False, str(error), "INVALID")
         self.state.follow(self.mesh, change)
         moved = self._places(change.moved_nodes)
-        held = len(self.holds.rows)
+        held = self.holds.count
         emptied = self.holds.follow(self.mesh, change, moved, self.poses)
-        np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
+        touched = change.nodes
+        self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
-        if emptied or len(self.holds.rows) != held:
+        if emptied or self.holds.count != held:
             self._holds_changed()
         self._events += [
             f"hold {h.id} of {h.tool} is released: its nodes vanished" for h in emptied

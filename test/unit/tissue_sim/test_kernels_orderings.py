@@ -85,11 +85,8 @@ def test_copies_are_inserted_as_numpy_inserts_them() -> None:
     used, added = 50, 12
     nodes = np.zeros(used + added, dtype=np.uint32)
     nodes[:used] = rng.permutation(used)
-    rank = np.full(used + added, -1, dtype=np.int32)
-    rank[nodes[:used]] = np.arange(used)
     copies = np.arange(used, used + added, dtype=np.int32)
     places = np.sort(rng.integers(0, used, added)).astype(np.int32)
     expected = np.insert(nodes[:used], places + 1, copies)
-    orderings.insert_behind(copies, places, nodes, used, rank)
+    orderings.insert_behind(copies, places, nodes, used)
     np.testing.assert_array_equal(nodes, expected)
-    np.testing.assert_array_equal(rank[nodes], np.arange(used + added))

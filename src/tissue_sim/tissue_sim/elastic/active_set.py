@@ -177,7 +177,9 @@ class ActiveSet:
         if self.keep_until_rest:
             self._near.search(change.nodes, state.prescribed, self.levels)
             near = self._near.nodes[: self._near.used]
-            self.lingering.join(near, self.ordering, self.end, state)
+            level = self.ordering.level[near]
+            swept = (level != UNREACHED) & (level <= self.levels) if self.end else False
+            self.lingering.join(near[~(swept | state.prescribed[near])])
 
     def _match_capacity(self) -> None:
         extra = self.springs.mesh.node_capacity - len(self.lingering.member)

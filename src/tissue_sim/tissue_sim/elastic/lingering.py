@@ -86,16 +86,14 @@ class Lingering:
             self.elsewhere, self.member, self._last_move, self.nodes,
         )  # fmt: skip
 
-    def join(
-        self, nodes: NDArray[np.uint32], order: NodeOrdering, begin: int, state: State
-    ) -> None:
-        """Let free nodes behind the region linger too, each in its place in the order."""
-        new = nodes[~self.member[nodes] & ~state.prescribed[nodes] & (order.rank[nodes] >= begin)]
+    def join(self, nodes: NDArray[np.uint32]) -> None:
+        """Let free nodes linger too, after those that do."""
+        new = nodes[~self.member[nodes]]
         self.member[new] = True
         self._since_flip = 0
-        joined = np.concatenate([self.nodes[: self.count], new])
-        self.count = len(joined)
-        self.nodes[: self.count] = joined[np.argsort(order.rank[joined])]
+        end = self.count + len(new)
+        self.nodes[self.count : end] = new
+        self.count = end
 
     def _next_part(self) -> tuple[int, int]:
         """The part of the list that the next sweep visits: all of it if that is not too long."""

@@ -38,7 +38,17 @@ class NodeOrdering:
         self.nodes = np.zeros(capacity, dtype=np.uint32)
         self.level = np.full(capacity, UNREACHED, dtype=np.int32)
         self._level_start = np.zeros(capacity + 2, dtype=np.int32)
-        self.rank = np.full(capacity, UNREACHED, dtype=np.int32)
+        self._rank = np.full(capacity, UNREACHED, dtype=np.int32)
+        self._ranked = False
+
+    @property
+    def rank(self) -> NDArray[np.int32]:
+        """Place of each node row in the order, -1 for none, shape (node_capacity,)."""
+        if not self._ranked:
+            self._rank[:] = UNREACHED
+            self._rank[self.nodes[: self.used]] = np.arange(self.used, dtype=np.int32)
+            self._ranked = True
+        return self._rank
 
     def search(
         self,
@@ -57,6 +67,7 @@ class NodeOrdering:
         if len(self.nodes) != mesh.node_capacity:
             self._allocate(mesh.node_capacity)
         self.level[:] = UNREACHED
+        self._ranked = False
         self._reached, self.levels = orderings.breadth_first(
             sources, arrays.start, arrays.degree, arrays.neighbour, prescribed,
             depth, self.level, self.nodes, self._level_start,
@@ -67,7 +78,6 @@ class NodeOrdering:
         self.used = orderings.append_rest(
             mesh.node_rows, prescribed, mesh.node_alive, self.level, self.nodes, self._reached
         )
-        self._rank_all()
 
     def end_of(self, level: int) -> int:
         """Place in `nodes` behind the last node of a level."""
@@ -81,23 +91,19 @@ class NodeOrdering:
             self.nodes = np.concatenate([self.nodes, np.zeros(extra, dtype=np.uint32)])
             more = np.full(extra, UNREACHED, dtype=np.int32)
             self.level = np.concatenate([self.level, more])
-            self.rank = np.concatenate([self.rank, more])
+            self._rank = np.concatenate([self._rank, more])
             self._level_start = np.concatenate([self._level_start, np.zeros_like(more)])
-        ordered = self.rank[change.copy_parents] != UNREACHED
-        copies, parents = change.copied_nodes[ordered], change.copy_parents[ordered]
-        if not len(copies):
+        places = self.rank[change.copy_parents]
+        ordered = np.flatnonzero(places != UNREACHED)
+        if not len(ordered):
             return
+        ordered = ordered[np.argsort(places[ordered], kind="stable")]
+        copies, parents = change.copied_nodes[ordered], change.copy_parents[ordered]
         self.level[copies] = self.level[parents]
-        behind = np.argsort(self.rank[parents], kind="stable")
-        orderings.insert_behind(
-            copies[behind], self.rank[parents[behind]], self.nodes, self.used, self.rank
-        )
+        orderings.insert_behind(copies, places[ordered], self.nodes, self.used)
         self.used += len(copies)
+        self._ranked = False
         reached = self.level[copies][self.level[copies] != UNREACHED]
         added = np.cumsum(np.bincount(reached, minlength=self.levels))
         self._level_start[1 : self.levels + 1] += added.astype(np.int32)
         self._reached += len(reached)
-
-    def _rank_all(self) -> None:
-        self.rank[:] = UNREACHED
-        self.rank[self.nodes[: self.used]] = np.arange(self.used, dtype=np.int32)

@@ -85,8 +85,8 @@ class _Listing:
         dtype = self._springs.dtype
         rows = capacity + BLOCK
         self.list = SpringList(
-            np.zeros(rows, dtype=np.uint32), np.zeros(rows, dtype=np.uint32),
-            np.zeros((rows, 3), dtype=dtype), np.full(rows, REMOVED_LENGTH, dtype=dtype),
+            np.full(rows, 0, dtype=np.uint32), np.full(rows, 0, dtype=np.uint32),
+            np.full((rows, 3), 0, dtype=dtype), np.full(rows, REMOVED_LENGTH, dtype=dtype),
         )  # fmt: skip
         self._place_of = np.full(capacity, UNREACHED, dtype=np.int32)
 

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.incidence import sorted_unique
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels import networks
 from tissue_sim.kernels.springs import TINY, SpringArrays
 
+EDGES_OF_TET = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 LIST_SLACK = 2
-NOTHING, CHANGED, MADE, REMOVED = range(4)
+CHANGED, MADE, REMOVED = 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class SpringNetwork:
         self._rest[: mesh.node_rows] = mesh.rest[: mesh.node_rows] - self._origin
         self._volumes = np.zeros(mesh.element_capacity)
         self._measure(np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32))
+        self._scratch = _scratch(mesh.node_capacity)
         self._masses = np.zeros(mesh.node_capacity)
         self._to_weigh = [np.arange(mesh.node_rows, dtype=np.int32)]
         self.springs, self.rows = self._build_rows()
@@ -85,7 +88,7 @@ class SpringNetwork:
     def masses(self) -> NDArray[np.float64]:
         """Mass of each node [kg], shape (node_capacity,); weighed when somebody asks."""
         for nodes in self._to_weigh:
-            networks.node_volumes(nodes, self.elements, self._scratch(), self._masses)
+            networks.node_volumes(nodes, self.elements, self._masses)
             self._masses[nodes] *= self.material.density
         self._to_weigh.clear()
         return self._masses
@@ -123,18 +126,27 @@ class SpringNetwork:
         self._measure(change.elements)
         self._measure(change.neighbours)
         self._to_weigh.append(change.nodes)
-        edges = self._edges_to_repair(change)
-        self._reserve(len(edges), change.nodes)
-        kinds = np.empty(len(edges), dtype=np.int8)
-        rows = np.empty(len(edges), dtype=np.int32)
-        self.rows, self._used = networks.repair(
-            edges, self.springs, self.rows, self._lists, self._used, self.elements,
-            self._rest, self.material.young_modulus, self._scratch(), kinds, rows,
-        )  # fmt: skip
+        kinds, rows = self._repair(change)
         self.version = version
-        touched = kinds != NOTHING
-        self.last_change = SpringChange(version, rows[touched], kinds[touched])
+        self.last_change = SpringChange(version, rows, kinds)
         return self.last_change
+
+    def _repair(self, change: EditChange) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+        """Repair the springs between the nodes of an edit; what happened to which rows."""
+        nodes = change.nodes
+        most = int(self._lists.degree[nodes].sum(dtype=np.int64)) + 6 * len(change.elements)
+        kinds, rows = np.empty(most, dtype=np.int8), np.empty(most, dtype=np.int32)
+        self._scratch.among[nodes] = True
+        done = count = 0
+        while done < len(nodes):
+            done, self.rows, self._used, count = networks.repair(
+                nodes, done, self.springs, self.rows, self._lists, self._used, self.elements,
+                self._rest, self.material.young_modulus, self._scratch, kinds, rows, count,
+            )  # fmt: skip
+            if done < len(nodes):
+                self._make_room()
+        self._scratch.among[nodes] = False
+        return kinds[:count], rows[:count]
 
     @property
     def elements(self) -> networks.Elements:
@@ -150,10 +162,6 @@ class SpringNetwork:
             self._volumes = np.concatenate([self._volumes, np.zeros(short)])
         networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
 
-    def _scratch(self) -> NDArray[np.int32]:
-        longest = int(self.mesh.incident.count.max(initial=0))
-        return np.empty(longest + 1, dtype=np.int32)
-
     def _build_rows(self) -> tuple[networks.Springs, int]:
         mesh = self.mesh
         alive = mesh.element_alive[: mesh.element_rows]
@@ -161,12 +169,11 @@ class SpringNetwork:
         rows = len(edges)
         capacity = int(rows * 1.25) + 1024
         springs = networks.Springs(
-            _padded(edges, capacity), np.zeros(capacity), np.zeros(capacity),
+            _padded(edges, capacity), np.full(capacity, 0.0), np.full(capacity, 0.0),
             np.arange(capacity) < rows,
         )  # fmt: skip
         networks.measure_springs(
-            springs, rows, self.elements, self._rest,
-            self.material.young_modulus, self._scratch(),
+            springs, rows, self.elements, self._rest, self.material.young_modulus
         )  # fmt: skip
         return springs, rows
 
@@ -176,12 +183,13 @@ class SpringNetwork:
         room = np.where(degree > 0, degree + LIST_SLACK, 0)
         ends = np.cumsum(room)
         used = int(ends[-1])
-        places = used + used // 8 + 64
+        places = used + used // 4 + 65536
+        # Full, not zeros: the system must not look for memory in the frame of the first edit.
         lists = networks.Lists(
             (ends - room).astype(np.uint32), np.zeros(nodes, dtype=np.uint32),
-            room.astype(np.uint32), np.zeros(places, dtype=np.uint32),
-            np.full(places, -1, dtype=np.int32), np.zeros(places, dtype=self.dtype),
-            np.zeros(places, dtype=self.dtype),
+            room.astype(np.uint32), np.full(places, 0, dtype=np.uint32),
+            np.full(places, -1, dtype=np.int32), np.full(places, 0, dtype=self.dtype),
+            np.full(places, 0, dtype=self.dtype),
         )  # fmt: skip
         return lists, used
 
@@ -191,15 +199,12 @@ class SpringNetwork:
             self._rest, lists.start, lists.degree, lists.neighbour, lists.stiffness, lists.length
         )
 
-    def _edges_to_repair(self, change: EditChange) -> NDArray[np.int32]:
-        around = self.mesh.tets[change.neighbours]
-        return _edges_of(np.concatenate([change.old_elements, change.new_elements, around]))
-
     def _grow_nodes(self) -> None:
         capacity = self.mesh.node_capacity
         if capacity == len(self._rest):
             return
         self._rest = _padded(self._rest, capacity)
+        self._scratch = _scratch(capacity)
         self._masses = _padded(self._masses, capacity)
         lists = self._lists
         self._lists = lists._replace(
@@ -209,25 +214,23 @@ class SpringNetwork:
         )
         self._expose()
 
-    def _reserve(self, edges: int, nodes: NDArray[np.int32]) -> None:
-        """Make room for new springs between nodes."""
-        springs, lists = self.springs, self._lists
-        if self.rows + edges > len(springs.ends):
-            capacity = len(springs.ends) * 5 // 4 + edges
-            self.springs = networks.Springs(*(_padded(array, capacity) for array in springs))
-        # A list of n springs that a more are added to is copied while it doubles: at most 8 + 4 (n
-        # + a) places.
-        rooms = int(lists.room[nodes].sum(dtype=np.int64))
-        worst = 8 * len(nodes) + 4 * (rooms + 2 * edges)
-        if self._used + worst > len(lists.neighbour):
-            places = len(lists.neighbour) * 5 // 4 + worst
-            self._lists = lists._replace(
-                neighbour=_padded(lists.neighbour, places),
-                spring=_padded(lists.spring, places),
-                stiffness=_padded(lists.stiffness, places),
-                length=_padded(lists.length, places),
-            )
-            self._expose()
+    def _make_room(self) -> None:
+        """Make room for more springs."""
+        capacity = len(self.springs.ends) * 5 // 4 + 1024
+        self.springs = networks.Springs(*(_padded(array, capacity) for array in self.springs))
+        lists = self._lists
+        places = len(lists.neighbour) * 5 // 4 + 65536
+        self._lists = lists._replace(
+            neighbour=_padded(lists.neighbour, places),
+            spring=_padded(lists.spring, places),
+            stiffness=_padded(lists.stiffness, places),
+            length=_padded(lists.length, places),
+        )
+        self._expose()
+
+
+def _scratch(nodes: int) -> networks.Scratch:
+    return networks.Scratch(np.zeros(nodes, dtype=np.bool_), np.zeros(nodes))
 
 
 def _no_rows() -> NDArray[np.int32]:
@@ -240,9 +243,8 @@ def _padded(array: NDArray, rows: int) -> NDArray:
 
 
 def _edges_of(tets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Distinct edges of elements, -1 for none, lower row first, sorted, shape (n, 2)."""
-    keys = np.empty(6 * len(tets), dtype=np.int64)
-    used = networks.edge_keys(tets, keys)
-    keys = np.sort(keys[:used])
-    edges = np.empty((used, 2), dtype=np.int32)
-    return edges[: networks.distinct_edges(keys, edges)]
+    """Distinct edges of elements, lower row first, sorted, shape (n, 2)."""
+    first, second = tets[:, EDGES_OF_TET[:, 0]].ravel(), tets[:, EDGES_OF_TET[:, 1]].ravel()
+    keys = np.minimum(first, second).astype(np.int64) << 32
+    keys = sorted_unique(keys | np.maximum(first, second))
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)

@@ -47,10 +47,10 @@ def _fill(
 
 
 @njit(cache=True, nogil=True)
-def _has(nodes: NDArray[np.int32], node: int) -> bool:
+def _has(items: NDArray[np.int32], k: int, node: int) -> bool:
     found = False
-    for other in nodes:
-        found = found or other == node
+    for corner in range(items.shape[1]):
+        found = found or items[k, corner] == node
     return found
 
 
@@ -71,8 +71,9 @@ def _rewire(
     -1 if an item was not in a list it should leave.
     """
     for k in range(items.shape[0]):
-        for node in old[k]:
-            if node < 0 or _has(new[k], node):
+        for corner in range(old.shape[1]):
+            node = old[k, corner]
+            if node < 0 or _has(new, k, node):
                 continue
             begin, end = start[node], start[node] + count[node]
             place = begin
@@ -83,8 +84,9 @@ def _rewire(
             for later in range(place, end - 1):
                 data[later] = data[later + 1]
             count[node] -= 1
-        for node in new[k]:
-            if node < 0 or _has(old[k], node):
+        for corner in range(new.shape[1]):
+            node = new[k, corner]
+            if node < 0 or _has(old, k, node):
                 continue
             if count[node] == room[node]:
                 room[node] = max(LEAST_ROOM, 2 * room[node])

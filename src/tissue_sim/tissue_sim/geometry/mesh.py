@@ -18,6 +18,7 @@ from tissue_sim.geometry.edit import (
     refuse_malformed,
 )
 from tissue_sim.geometry.incidence import Incidence, among, sorted_unique
+from tissue_sim.geometry.look_up import any_changed, living_rows
 from tissue_sim.geometry.quality import count_flat
 from tissue_sim.geometry.raw_mesh import RawMesh
 
@@ -124,10 +125,10 @@ class Mesh:
     def _rows_of(ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_]) -> NDArray[np.int32]:
         # Within a session the id of a row is the row itself: rows never move and only grow
         # (compaction starts a new epoch). All look-ups go through here: this stays one decision.
-        candidates = np.asarray(ids, dtype=np.int64)
-        known = candidates < rows
-        known &= alive[np.where(known, candidates, 0)]
-        return np.where(known, candidates, NO_ROW).astype(np.int32)
+        candidates = np.ascontiguousarray(ids)
+        found = np.empty(candidates.shape, dtype=np.int32)
+        living_rows(candidates.reshape(-1), rows, alive, found.reshape(-1))
+        return found
 
     def apply(self, edit: TopologyEdit) -> EditChange:
         """Apply an edit in time proportional to it. Modifies the mesh in place.
@@ -244,12 +245,13 @@ class Mesh:
             (edit.read_elements, self.element_rows_of, self.element_versions, "element"),
         ):
             rows = rows_of(ids)
+            if not any_changed(rows, versions, edit.base_version):
+                continue
             changed = (rows == NO_ROW) | (versions[rows] > edit.base_version)
-            if changed.any():
-                raise StaleEditError(
-                    f"{int(changed.sum())} {what}s that the plan has read, {what} "
-                    f"{int(ids[changed][0])} among them, changed after version {edit.base_version}"
-                )
+            raise StaleEditError(
+                f"{int(changed.sum())} {what}s that the plan has read, {what} "
+                f"{int(ids[changed][0])} among them, changed after version {edit.base_version}"
+            )
 
     def _refuse_fixed(self, moved: NDArray[np.int32]) -> None:
         if self.fixed[moved].any():

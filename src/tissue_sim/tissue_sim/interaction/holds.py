@@ -71,6 +71,11 @@ class Holds:
         return len(self.by_id)
 
     @property
+    def count(self) -> int:
+        """Nodes held."""
+        return sum(len(hold.rows) for hold in self.by_id.values())
+
+    @property
     def rows(self) -> Rows:
         """Rows of all nodes held, sorted."""
         return np.flatnonzero(self.owner != NOBODY).astype(np.int32)

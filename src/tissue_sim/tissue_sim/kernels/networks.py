@@ -1,8 +1,8 @@
 """Loops that build a spring network from the elements of a mesh and repair it after an edit.
 
-Sums over the elements at an edge or a node run in ascending order of element rows, whatever the
-order of the incidence lists, so that a repaired sum equals that of a network built afresh bit for
-bit. No fastmath here, for the same reason.
+Sums over the elements at an edge or a node run along the incidence lists, which are in ascending
+order of element rows, so that a repaired sum equals that of a network built afresh bit for bit. No
+fastmath here, for the same reason.
 """
 
 from __future__ import annotations
@@ -45,38 +45,19 @@ class Springs(NamedTuple):
     alive: NDArray[np.bool_]
 
 
-@njit(cache=True, nogil=True)
-def edge_keys(tets: NDArray[np.int32], keys: NDArray[np.int64]) -> int:
-    """Write lower row * 2^32 + higher row for each edge of elements, -1 for none; how many."""
-    used = 0
-    for tet in tets:
-        if tet[0] < 0:
-            continue
-        for i in range(3):
-            for j in range(i + 1, 4):
-                low, high = min(tet[i], tet[j]), max(tet[i], tet[j])
-                keys[used] = (np.int64(low) << 32) | np.int64(high)
-                used += 1
-    return used
+class Scratch(NamedTuple):
+    """Marks and sums by node, which loops leave as they found them: false and zero."""
+
+    among: NDArray[np.bool_]
+    sums: NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
-def distinct_edges(keys: NDArray[np.int64], edges: NDArray[np.int32]) -> int:
-    """Write the rows of each distinct one of sorted keys, shape (n, 2); returns n."""
-    used = 0
-    for place in range(len(keys)):
-        if place == 0 or keys[place] != keys[place - 1]:
-            edges[used, 0], edges[used, 1] = keys[place] >> 32, keys[place] & 0xFFFFFFFF
-            used += 1
-    return used
-
-
-@njit(cache=True, nogil=True)
-def _volume(rest, tet):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    a, b, c, d = rest[tet[0]], rest[tet[1]], rest[tet[2]], rest[tet[3]]
-    p0, p1, p2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    q0, q1, q2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    r0, r1, r2 = d[0] - a[0], d[1] - a[1], d[2] - a[2]
+def _volume(rest, tets, row):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    a, b, c, d = tets[row, 0], tets[row, 1], tets[row, 2], tets[row, 3]
+    p0, p1, p2 = rest[b, 0] - rest[a, 0], rest[b, 1] - rest[a, 1], rest[b, 2] - rest[a, 2]
+    q0, q1, q2 = rest[c, 0] - rest[a, 0], rest[c, 1] - rest[a, 1], rest[c, 2] - rest[a, 2]
+    r0, r1, r2 = rest[d, 0] - rest[a, 0], rest[d, 1] - rest[a, 1], rest[d, 2] - rest[a, 2]
     cross = p0 * (q1 * r2 - q2 * r1) + p1 * (q2 * r0 - q0 * r2) + p2 * (q0 * r1 - q1 * r0)
     return abs(cross) / 6.0
 
@@ -90,30 +71,20 @@ def measure_volumes(
 ) -> None:
     """Rest volumes of elements [m^3]. Writes out[rows]; elements of nodes -1 have none."""
     for row in rows:
-        out[row] = _volume(rest, tets[row]) if tets[row, 0] >= 0 else 0.0
+        out[row] = _volume(rest, tets, row) if tets[row, 0] >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
-def volume_at(elements: Elements, node: int, other: int, found: NDArray[np.int32]) -> float:
-    """Rest volume of elements at `node` that also have `other` (-1: all) [m^3]; 0: there is none.
-
-    `found` is scratch, as long as the longest incidence list; it ends up with the elements in
-    ascending order.
-    """
-    begin, n = elements.start[node], 0
+def volume_at(elements: Elements, node: int, other: int) -> float:
+    """Rest volume of elements at `node` that also have `other` (-1: all) [m^3]; 0: there is none."""
+    begin, total = elements.start[node], 0.0
     for place in range(begin, begin + elements.degree[node]):
         element = elements.data[place]
-        tet = elements.tets[element]
-        if other < 0 or other in (tet[0], tet[1], tet[2], tet[3]):
-            slot = n
-            while slot > 0 and found[slot - 1] > element:
-                found[slot] = found[slot - 1]
-                slot -= 1
-            found[slot] = element
-            n += 1
-    total = 0.0
-    for place in range(n):
-        total += elements.volumes[found[place]]
+        meets = other < 0
+        for corner in range(4):
+            meets = meets or elements.tets[element, corner] == other
+        if meets:
+            total += elements.volumes[element]
     return total
 
 
@@ -130,12 +101,11 @@ def measure_springs(
     elements: Elements,
     kernel_rest: NDArray[np.floating],
     modulus: float,
-    found: NDArray[np.int32],
 ) -> None:
     """Stiffness and rest length of springs [0, rows). Writes them into `springs`."""
     for spring in range(rows):
-        a, b = springs.ends[spring]
-        volume = volume_at(elements, a, b, found)
+        a, b = springs.ends[spring, 0], springs.ends[spring, 1]
+        volume = volume_at(elements, a, b)
         length = _distance(kernel_rest, a, b)
         springs.length[spring] = length
         springs.stiffness[spring] = modulus * volume / (length * length)
@@ -145,12 +115,11 @@ def measure_springs(
 def node_volumes(
     nodes: NDArray[np.int32],
     elements: Elements,
-    found: NDArray[np.int32],
     out: NDArray[np.float64],
 ) -> None:
     """A quarter of the rest volume of the elements at each node [m^3]. Writes out[nodes]."""
     for node in nodes:
-        out[node] = volume_at(elements, node, -1, found) / 4.0
+        out[node] = volume_at(elements, node, -1) / 4.0
 
 
 @njit(cache=True, nogil=True)
@@ -210,7 +179,8 @@ def _make_room(lists, node, used):  # type: ignore[no-untyped-def] # noqa: ANN00
 
 @njit(cache=True, nogil=True)
 def repair(
-    edges: NDArray[np.int32],
+    nodes: NDArray[np.int32],
+    begin: int,
     springs: Springs,
     rows: int,
     lists: Lists,
@@ -218,71 +188,96 @@ def repair(
     elements: Elements,
     kernel_rest: NDArray[np.floating],
     modulus: float,
-    found: NDArray[np.int32],
+    scratch: Scratch,
     kind: NDArray[np.int8],
     touched: NDArray[np.int32],
-) -> tuple[int, int]:
-    """Make, change or remove the springs of edges whose elements changed.
+    count: int,
+) -> tuple[int, int, int, int]:
+    """Make, change or remove the springs between nodes whose elements changed.
 
-    Modifies `springs` and `lists` in place.
+    Modifies `springs` and `lists` in place. It stops before a node for which there may not be room.
 
     Args:
-        edges: Node rows of the edges, lower row first, shape (n, 2).
-        springs: With room for n more rows.
+        nodes: Rows of the nodes, ascending; both ends of every edge whose elements changed.
+        begin: First place in them to go on with.
+        springs: Springs by row.
         rows: Rows of springs in use.
-        lists: With room in their data.
+        lists: Springs by node.
         used: Places of the lists' data in use.
         elements: The mesh after the edit.
         kernel_rest: Rest positions in the kernel's precision, shape (node_capacity, 3).
         modulus: Young's modulus [Pa].
-        found: Scratch, as long as the longest incidence list.
-        kind: What happened to each edge's spring: 0 nothing, 1 changed, 2 made, 3 removed; written,
-            shape (n,).
-        touched: Its row; written, shape (n,).
+        scratch: `among` marks the nodes; `sums` is zero, and zero again afterwards.
+        kind: What happened to each spring touched: 1 changed, 2 made, 3 removed; written.
+        touched: Its row; written.
+        count: Springs touched so far.
 
     Returns:
-        Rows of springs and places of the lists' data in use afterwards.
+        The place to go on with (the number of nodes: all is done), rows of springs and places of
+        the lists' data in use, and springs touched so far.
     """
-    for n in range(len(edges)):
-        a, b = edges[n]
-        place = _find(lists, a, b)
-        # The elements at both ends are those of either; the shorter list is read.
-        if elements.degree[a] <= elements.degree[b]:
-            volume = volume_at(elements, a, b, found)
-        else:
-            volume = volume_at(elements, b, a, found)
-        kind[n] = 0
-        if volume == 0.0:
-            if place >= 0:
-                touched[n] = lists.spring[place]
-                kind[n] = 3
-                springs.alive[touched[n]] = False
+    among, sums = scratch
+    longest = 0
+    for node in nodes:
+        longest = max(longest, np.int64(lists.degree[node]))
+    for place in range(begin, len(nodes)):
+        a = nodes[place]
+        first, last = elements.start[a], elements.start[a] + elements.degree[a]
+        most = 3 * (last - first)
+        # A list that overflows moves to the end, with twice the places.
+        needed = 2 * (np.int64(lists.degree[a]) + most) + 2 * most * (longest + most) + 8 * most + 8
+        if rows + most > len(springs.ends) or used + needed > len(lists.neighbour):
+            return place, rows, used, count
+        for entry in range(first, last):
+            element = elements.data[entry]
+            for corner in range(4):
+                b = elements.tets[element, corner]
+                if b > a and among[b]:
+                    sums[b] += elements.volumes[element]
+        entry, end = np.int64(lists.start[a]), np.int64(lists.start[a]) + np.int64(lists.degree[a])
+        while entry < end:
+            b, spring = np.int64(lists.neighbour[entry]), lists.spring[entry]
+            if b < a or not among[b]:
+                entry += 1
+                continue
+            volume, sums[b] = sums[b], 0.0
+            if volume == 0.0:
+                springs.alive[spring] = False
                 _leave(lists, a, b)
                 _leave(lists, b, a)
-            continue
-        if place >= 0:
-            spring = lists.spring[place]
-            kind[n] = 1
-        else:
-            spring = rows
-            rows += 1
-            kind[n] = 2
-            springs.ends[spring, 0], springs.ends[spring, 1] = a, b
-            springs.alive[spring] = True
-        touched[n] = spring
-        length = _distance(kernel_rest, a, b)
-        springs.length[spring] = length
-        springs.stiffness[spring] = modulus * volume / (length * length)
-        if kind[n] == 2:
-            used = _make_room(lists, a, used)
-            _enter(lists, a, b, spring, springs)
-            used = _make_room(lists, b, used)
-            _enter(lists, b, a, spring, springs)
-        else:
-            other = _find(lists, b, a)
-            lists.stiffness[place] = lists.stiffness[other] = springs.stiffness[spring]
-            lists.length[place] = lists.length[other] = springs.length[spring]
-    return rows, used
+                end -= 1
+                kind[count], touched[count] = 3, spring
+                count += 1
+                continue
+            length = _distance(kernel_rest, a, b)
+            stiffness = modulus * volume / (length * length)
+            if length != springs.length[spring] or stiffness != springs.stiffness[spring]:
+                springs.length[spring], springs.stiffness[spring] = length, stiffness
+                other = _find(lists, b, a)
+                lists.stiffness[entry] = lists.stiffness[other] = stiffness
+                lists.length[entry] = lists.length[other] = length
+                kind[count], touched[count] = 1, spring
+                count += 1
+            entry += 1
+        for entry in range(first, last):
+            for corner in range(4):
+                b = elements.tets[elements.data[entry], corner]
+                if b <= a or sums[b] == 0.0:
+                    continue
+                volume, sums[b] = sums[b], 0.0
+                springs.ends[rows, 0], springs.ends[rows, 1] = a, b
+                springs.alive[rows] = True
+                length = _distance(kernel_rest, a, b)
+                springs.length[rows] = length
+                springs.stiffness[rows] = modulus * volume / (length * length)
+                used = _make_room(lists, a, used)
+                _enter(lists, a, b, rows, springs)
+                used = _make_room(lists, b, used)
+                _enter(lists, b, a, rows, springs)
+                kind[count], touched[count] = 2, rows
+                count += 1
+                rows += 1
+    return len(nodes), rows, used, count
 
 
 @njit(cache=True, nogil=True)

@@ -134,28 +134,21 @@ def pick_lingering(
 
 @njit(cache=True, nogil=True)
 def insert_behind(
-    copies: NDArray[np.int32],
-    places: NDArray[np.int32],
-    nodes: NDArray[np.uint32],
-    used: int,
-    rank: NDArray[np.int32],
+    copies: NDArray[np.int32], places: NDArray[np.int32], nodes: NDArray[np.uint32], used: int
 ) -> None:
-    """Put each copy behind the node at its place. Modifies `nodes` and `rank` in place.
+    """Put each copy behind the node at its place. Modifies `nodes` in place.
 
     Args:
         copies: Nodes to insert, shape (n,).
         places: Place of the node each goes behind, ascending, shape (n,).
         nodes: The order, with room for n more.
         used: Places in use before.
-        rank: Place of each node.
     """
     shift = len(copies)
     place = used - 1
     while shift > 0:
         while place > places[shift - 1]:
             nodes[place + shift] = nodes[place]
-            rank[nodes[place]] = place + shift
             place -= 1
         shift -= 1
         nodes[place + 1 + shift] = copies[shift]
-        rank[copies[shift]] = place + 1 + shift
