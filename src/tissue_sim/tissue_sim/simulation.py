@@ -31,7 +31,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.reaction import wrench_on_tool
 from tissue_sim.interaction.tools import GRAB, ToolSpec, blade
-from tissue_sim.kernels.positions import place_nodes
+from tissue_sim.kernels.positions import nodes_within, place_nodes
 from tissue_sim.scene import Scene
 
 EXPLODED = 20.0
@@ -105,15 +105,15 @@ class Simulation:
 
     def grab(self, tool: str, radius: float, by_use: bool) -> Hold | None:
         """Hold the nodes within `radius` [m] of a tool's tip; None if there is none."""
-        rows = self.mesh.node_rows
-        places = self.mesh.rest[:rows] + self.state.displacement[:rows]
-        way = places - self.poses[tool][:3]
-        inside = np.einsum("ij,ij->i", way, way) <= radius * radius
-        inside &= self.mesh.node_alive[:rows] & ~self.mesh.fixed[:rows]
-        wanted = np.flatnonzero(inside).astype(np.int32)
-        if not len(wanted):
+        mesh, wanted = self.mesh, np.empty(self.mesh.node_rows, dtype=np.int32)
+        count = nodes_within(
+            mesh.rest, self.state.displacement, mesh.node_alive, mesh.fixed, mesh.node_rows,
+            self.poses[tool][:3], radius, wanted,
+        )  # fmt: skip
+        if not count:
             return None
-        hold = self.holds.grab(wanted, places[wanted], tool, self.poses[tool], by_use)
+        wanted = wanted[:count].copy()
+        hold = self.holds.grab(wanted, self._places(wanted), tool, self.poses[tool], by_use)
         self._holds_changed()
         return hold
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
-from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from tissue_sim import conversions, qos
 from tissue_sim.frames import Frames, UnknownFrameError
 from tissue_sim.interaction.rigid import PoseError, checked_pose
 from tissue_sim.live import LiveSimulation
-from tissue_sim.polled_subscription import Polled, messages
+from tissue_sim.polled_subscriptions import PolledSubscriptions
 from tissue_sim.simulation_topics import ToolTopics
+
+HEARD = ("servo_cp", "use", "clutch")
+"""What is heard of each tool."""
 
 
 class ToolSources:
@@ -36,39 +36,34 @@ class ToolSources:
         self.topics: dict[str, ToolTopics] = {}
         self.bad_qos: dict[str, str] = {}
         self._node, self._live, self._frames = node, live, frames
-        # Replaced as a whole, too.
-        self._subscriptions: dict[str, tuple[Subscription, ...]] = {}
-        self._polled = Polled()
+        self._heard = PolledSubscriptions(node)
 
     def follow(self, tools: Iterable[str]) -> None:
         """Subscribe and publish for these tools and no others."""
         wanted = list(tools)
-        topics, subscriptions = dict(self.topics), dict(self._subscriptions)
+        topics = dict(self.topics)
         for gone in [tool for tool in topics if tool not in wanted]:
-            leaving, unheard = topics.pop(gone), subscriptions.pop(gone)
-            self.topics, self._subscriptions = dict(topics), dict(subscriptions)
-            for subscription in unheard:
-                self._node.destroy_subscription(subscription)
+            for name in HEARD:
+                self._heard.remove(f"tools/{gone}/{name}")
+            leaving = topics.pop(gone)
+            self.topics = dict(topics)
             leaving.destroy(self._node)
         for tool in wanted:
             if tool not in topics:
                 topics[tool] = ToolTopics(self._node, tool, self._frames.organ)
-                subscriptions[tool] = self._subscribe(tool)
-        self.topics, self._subscriptions = topics, subscriptions
+                self._subscribe(tool)
+        self.topics = topics
 
     def take(self) -> None:
         """Hand over what has come since the last frame."""
-        for subscriptions in self._subscriptions.values():
-            for subscription in subscriptions:
-                for message in messages(subscription):
-                    subscription.callback(message)
+        self._heard.take()
 
     def watch_sources(self) -> list[str]:
         """Tell the trackers who publishes poses; give the unknown tools that poses are sent to."""
         for tool in self.topics:
             infos = self._node.get_publishers_info_by_topic(f"tools/{tool}/servo_cp")
             self._live.post_sources(tool, _source_names(infos))
-        self.bad_qos = dict(self._incompatible())
+        self.bad_qos = self._heard.incompatible()
         prefix = self._node.resolve_topic_name("tools/_/servo_cp").removesuffix("_/servo_cp")
         unknown = []
         for topic, _ in self._node.get_topic_names_and_types():
@@ -78,42 +73,19 @@ class ToolSources:
                     unknown.append(tool)
         return unknown
 
-    def _incompatible(self) -> Iterator[tuple[str, str]]:
-        """Topics, and who offers them so that nothing arrives; poses always do."""
-        for tool in self.topics:
-            for topic in (f"tools/{tool}/use", f"tools/{tool}/clutch"):
-                for info in self._node.get_publishers_info_by_topic(topic):
-                    result, reason = qos_check_compatible(info.qos_profile, qos.USE)
-                    if result == QoSCompatibility.ERROR:
-                        yield topic, (
-                            f"{topic}: {', '.join(_source_names([info]))} offers an incompatible "
-                            f"quality of service ({reason.rstrip('; ')})"
-                        )
-
-    def _subscribe(self, tool: str) -> tuple[Subscription, ...]:
-        def on_pose(message: PoseStamped) -> None:
+    def _subscribe(self, tool: str) -> None:
+        def on_pose(message: PoseStamped, _info: object) -> None:
             self._on_pose(tool, message)
 
-        def on_use(message: Bool) -> None:
+        def on_use(message: Bool, _info: object) -> None:
             self._live.post_use(tool, bool(message.data))
 
-        def on_clutch(message: Bool) -> None:
+        def on_clutch(message: Bool, _info: object) -> None:
             self._live.post_clutch(tool, bool(message.data))
 
-        made = []
-        for message, name, callback, profile in (
-            (PoseStamped, "servo_cp", on_pose, qos.POSE_IN),
-            (Bool, "use", on_use, qos.USE),
-            (Bool, "clutch", on_clutch, qos.USE),
-        ):
-            topic = f"tools/{tool}/{name}"
-            subscription = self._node.create_subscription(
-                message, topic, callback, profile, callback_group=self._polled,
-                # An executor that waits for events of a subscription wakes for its messages too.
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            )  # fmt: skip
-            made.append(subscription)
-        return tuple(made)
+        self._heard.add(PoseStamped, f"tools/{tool}/servo_cp", on_pose, qos.POSE_IN)
+        self._heard.add(Bool, f"tools/{tool}/use", on_use, qos.USE)
+        self._heard.add(Bool, f"tools/{tool}/clutch", on_clutch, qos.USE)
 
     def _on_pose(self, tool: str, message: PoseStamped) -> None:
         now = time.perf_counter()

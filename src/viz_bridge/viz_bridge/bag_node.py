@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import rclpy.parameter
@@ -13,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 from tissue_interfaces.msg import ToolList
@@ -21,6 +19,7 @@ from tissue_interfaces.msg import ToolList
 from tissue_sim import qos
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import ParameterError, Spec
+from tissue_sim.polled_subscriptions import PolledSubscriptions, Receiver
 from viz_bridge.bag_writer import GB, BagOptions, BagWriter, Origin, free_bytes
 from viz_bridge.provenance import provenance
 from viz_bridge.recorded_topics import (
@@ -48,6 +47,7 @@ SPECS = (
     Spec("notes", "strings", [], "written into the bag's metadata, as key=value"),
     Spec("attachments", "strings", [], "files to put into the bag, such as the scene"),
 )  # fmt: skip
+TAKING_PERIOD = 0.01
 DISCOVERY_PERIOD = 0.25
 FIRST_REPORT_SECONDS = 5.0
 
@@ -62,7 +62,7 @@ class BagNode(Node):
         self._notes = dict(_note(text) for text in self._values["notes"])
         self._attachments = [_attachment(Path(name)) for name in self._values["attachments"]]
         self._writer: BagWriter | None = None
-        self._subscriptions_by_topic: dict[str, Subscription] = {}
+        self._heard = PolledSubscriptions(self)
         self._tools: set[str] = set()
         self._thinning = StateThinning(self._values["record_state_hz"])
         self._paused = False
@@ -80,6 +80,7 @@ class BagNode(Node):
             self.create_service(Trigger, f"bag/{name}", answer)
         if self._values["record_at_start"]:
             self._start()
+        self.create_timer(TAKING_PERIOD, self._heard.take)
         self.create_timer(DISCOVERY_PERIOD, self._discover)
         self.create_timer(1.0, self._report)
 
@@ -112,10 +113,10 @@ class BagNode(Node):
         self.get_logger().info(f"recording to {bag}")
 
     def _stop(self) -> str:
+        """End the bag, with what is waiting for it."""
         assert self._writer is not None
-        for subscription in self._subscriptions_by_topic.values():
-            self.destroy_subscription(subscription)
-        self._subscriptions_by_topic.clear()
+        self._heard.take()
+        self._heard.clear()
         self._tools.clear()
         writer, self._writer = self._writer, None
         info = writer.close()
@@ -132,14 +133,10 @@ class BagNode(Node):
 
     def _subscribe(self, topic: RecordedTopic) -> None:
         name = self.resolve_topic_name(topic.name)
-        if name in self._subscriptions_by_topic:
-            return
         kind = message_class(topic.type_name)
-        self._subscriptions_by_topic[name] = self.create_subscription(
-            kind, name, self._receiver(name, topic), topic.profile, raw=True
-        )
+        self._heard.add(kind, name, self._receiver(name, topic), topic.profile, raw=True)
 
-    def _receiver(self, name: str, topic: RecordedTopic) -> Callable[[bytes, dict[str, int]], None]:
+    def _receiver(self, name: str, topic: RecordedTopic) -> Receiver:
         is_state = topic.name == STATE
         is_tools = topic.name == "tissue/tools"
         origin: Origin | None = None
@@ -155,8 +152,9 @@ class BagNode(Node):
                 return
             if origin is None:
                 origin = Origin(offered(self.get_publishers_info_by_topic(name)))
+            received = int(info.get("received_timestamp", 0)) or time.time_ns()
             published = int(info.get("source_timestamp", 0))
-            writer.write(name, topic.type_name, data, time.time_ns(), published, origin)
+            writer.write(name, topic.type_name, data, received, published, origin)
 
         return receive
 
@@ -234,6 +232,9 @@ class BagNode(Node):
         dropped = sum(writer.counts.dropped.values())
         level = DiagnosticStatus.OK
         message = "paused" if self._paused else "recording"
+        deaf = self._heard.incompatible()
+        if deaf:
+            level, message = DiagnosticStatus.WARN, "; ".join(deaf.values())
         if dropped:
             level, message = DiagnosticStatus.WARN, f"{dropped} messages dropped"
         if writer.ended:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import rerun as rr
@@ -16,10 +14,11 @@ from rclpy.qos import QoSProfile
 from tissue_sim import qos
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import ParameterError, Spec
+from tissue_sim.polled_subscriptions import PolledSubscriptions
 from viz_bridge.cdr import Decoder
 from viz_bridge.drawing_thread import DrawingThread
 from viz_bridge.message_text import message_text
-from viz_bridge.recorded_topics import FIXED, STATE, message_class, of_tool
+from viz_bridge.recorded_topics import FIXED, message_class, of_tool
 from viz_bridge.recording import APPLICATION, Recording, file_stream
 from viz_bridge.viewer_process import ViewerError, ViewerProcess
 
@@ -38,6 +37,9 @@ SPECS = (
 )  # fmt: skip
 
 
+TAKING_PERIOD = 0.01
+
+
 class RerunNode(Node):
     """Takes messages raw and hands them to one drawing thread per sink."""
 
@@ -48,15 +50,17 @@ class RerunNode(Node):
         self._threads: list[DrawingThread] = []
         self._decoders: dict[str, Decoder] = {}
         self._tools: set[str] = set()
+        self._heard = PolledSubscriptions(self)
         self._open_sinks()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         for topic in FIXED:
-            profile = qos.STATE if topic.name == STATE else topic.profile
-            self._subscribe(topic.name, topic.type_name, profile)
+            self._subscribe(topic.name, topic.type_name, topic.profile)
+        self.create_timer(TAKING_PERIOD, self._heard.take)
         self.create_timer(1.0, self._report)
 
     def close(self) -> None:
-        """Finish the recording and end the viewer."""
+        """Finish the recording, with what is waiting for it, and end the viewer."""
+        self._heard.take()
         deadline = time.monotonic() + self._values["close_timeout"]
         for thread in self._threads:
             if not thread.close(max(0.1, deadline - time.monotonic())):
@@ -99,11 +103,13 @@ class RerunNode(Node):
         if type_name not in self._decoders:
             self._decoders[type_name] = Decoder(type_name, message_text(type_name))
         decoder = self._decoders[type_name]
-        take: Callable[[bytes], None] = partial(self._take, name, decoder)
-        self.create_subscription(message_class(type_name), name, take, profile, raw=True)
 
-    def _take(self, topic: str, decoder: Decoder, data: bytes) -> None:
-        received = time.time_ns()
+        def receive(data: bytes, info: dict[str, int]) -> None:
+            self._receive(name, decoder, data, info["received_timestamp"])
+
+        self._heard.add(message_class(type_name), name, receive, profile, raw=True)
+
+    def _receive(self, topic: str, decoder: Decoder, data: bytes, received: int) -> None:
         if topic == "tissue/tools":
             for tool in decoder(data).tools:
                 self._follow(tool.id)
@@ -133,6 +139,9 @@ class RerunNode(Node):
                 KeyValue(key="states passed over", value=str(thread.passed_over)),
                 KeyValue(key="messages dropped", value=str(thread.dropped)),
             ]
+            deaf = self._heard.incompatible()
+            if deaf and not thread.failure:
+                status.level, status.message = DiagnosticStatus.WARN, "; ".join(deaf.values())
             array.status.append(status)
         self._diagnostics.publish(array)
 

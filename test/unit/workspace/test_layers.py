@@ -17,6 +17,7 @@ ROS_SIDE = (
     "*/conversions.py",
     "*/qos.py",
     "tissue_sim/node_main.py",
+    "tissue_sim/polled_subscriptions.py",
     "tissue_sim/simulation_rivals.py",
     "tissue_sim/simulation_services.py",
     "tissue_sim/simulation_tools.py",

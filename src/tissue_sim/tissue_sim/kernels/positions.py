@@ -48,8 +48,6 @@ def carry_moved(
 ) -> None:
     """Put nodes whose rest position moved to the mean of their anchors as they were.
 
-    Modifies `displacement` [m], shape (n, 3), in place.
-
     Args:
         moved: Rows of the nodes, shape (m,).
         anchors: Rows of the anchors of each, shape (m, 4).
@@ -57,6 +55,7 @@ def carry_moved(
         old_rest: Rest positions of the moved nodes before [m], shape (m, 3).
         place_of: Place of each node in `moved`, -1 for those not in it, shape (n,).
         rest: Rest positions now [m], shape (n, 3).
+        displacement: Displacements [m], shape (n, 3); modified in place.
     """
     places = np.zeros((len(moved), 3))
     for k in range(len(moved)):
@@ -69,3 +68,41 @@ def carry_moved(
     for k in range(len(moved)):
         for axis in range(3):
             displacement[moved[k], axis] = places[k, axis] - rest[moved[k], axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nodes_within(
+    rest: NDArray[np.float64],
+    displacement: NDArray[np.floating],
+    may: NDArray[np.bool_],
+    may_not: NDArray[np.bool_],
+    rows: int,
+    centre: NDArray[np.float64],
+    radius: float,
+    found: NDArray[np.int32],
+) -> int:
+    """Find the nodes within a sphere.
+
+    Args:
+        rest: Rest positions [m], shape (n, 3).
+        displacement: Displacements [m], shape (n, 3).
+        may: Nodes that count, shape (n,).
+        may_not: Nodes of those that do not, shape (n,).
+        rows: Nodes [0, rows) are looked at.
+        centre: Its centre [m], shape (3,).
+        radius: Its radius [m].
+        found: Their rows, ascending; written, shape (rows,).
+
+    Returns:
+        How many there are.
+    """
+    count = 0
+    for node in range(rows):
+        squared = 0.0
+        for axis in range(3):
+            way = rest[node, axis] + displacement[node, axis] - centre[axis]
+            squared += way * way
+        if squared <= radius * radius and may[node] and not may_not[node]:
+            found[count] = node
+            count += 1
+    return count
