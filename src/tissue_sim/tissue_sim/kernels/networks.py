@@ -76,7 +76,7 @@ def measure_volumes(
 
 @njit(cache=True, nogil=True)
 def volume_at(elements: Elements, node: int, other: int) -> float:
-    """Rest volume of elements at a node that also have `other` (-1: all) [m^3]; 0: there is none."""
+    """Rest volume of elements at a node that also have `other` (-1: all) [m^3]; 0: none has."""
     begin, total = elements.start[node], 0.0
     for place in range(begin, begin + elements.degree[node]):
         element = elements.data[place]
