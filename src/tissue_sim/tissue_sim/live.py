@@ -1,14 +1,16 @@
 """The simulation as it runs: what comes in at any time becomes the inputs of the next frame.
 
-Other threads post; the loop thread calls `next_frame`. There is nothing to lock: posting appends to
-a queue that the loop empties between frames.
+Other threads post; the loop thread calls `next_frame`. Posting appends to a queue that the loop
+empties between frames; only edits, which are checked on the mesh when they are posted, take a lock.
 """
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import itertools
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -22,7 +24,7 @@ from tissue_sim import snapshot
 from tissue_sim.commands import CommandError, checked_model
 from tissue_sim.elastic.model import Model
 from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, ToolSample
-from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit import EditError, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
@@ -74,6 +76,8 @@ class LiveSimulation:
         self._inbox: deque[Callable[[], None]] = deque()
         self._requests: deque[Request] = deque()
         self._edits: deque[Request] = deque()
+        # Held while the mesh changes, and while somebody beside the loop reads all of it.
+        self._mesh_changes = threading.Lock()
         self._job: Job | None = None
         self._saves: list[Job] = []
         self._ids = itertools.count(1)
@@ -84,8 +88,23 @@ class LiveSimulation:
 
     def post(self, request: Request) -> None:
         """Ask for something; it is answered through `request.done`."""
-        queue = self._edits if request.kind == "edit" else self._requests
-        queue.append(request)
+        if request.kind == "edit":
+            self._edits.append(self._checked(request))
+        else:
+            self._requests.append(request)
+
+    def _checked(self, request: Request) -> Request:
+        """The request of an edit with what can be found out about it beside the loop."""
+        planned: PlannedEdit = request.arguments["planned"]
+        simulation = self.simulation
+        if planned.epoch != simulation.epoch:
+            return request
+        with self._mesh_changes:
+            try:
+                checked = simulation.mesh.check(planned.edit)
+            except EditError:
+                return request  # The loop says so, in the order of requests.
+        return replace(request, arguments={"planned": replace(planned, checked=checked)})
 
     def post_pose(self, tool: str, pose: NDArray[np.float64], stamp: int, now: float) -> None:
         """Hand over a pose from a tool's source (see `ToolTracker.receive_pose`)."""
@@ -158,7 +177,9 @@ class LiveSimulation:
         inputs = FrameInputs(tuple(commands), edits, samples)
         static = self.simulation.model.time_step is None
         steps = self.steps_per_frame if static else 0
-        frame = self.simulation.advance(inputs, Budget(self.budget, steps or None, until))
+        budget = Budget(self.budget, steps or None, until)
+        with self._mesh_changes if edits else contextlib.nullcontext():
+            frame = self.simulation.advance(inputs, budget)
         if frame.tools_changed:
             self._follow_tools()
 
@@ -203,6 +224,8 @@ class LiveSimulation:
                 )
             else:
                 edits.append(planned.edit)
+                if planned.checked:
+                    self.simulation.offer_check(planned.checked)
                 answers_to.append(request)
         return tuple(edits)
 

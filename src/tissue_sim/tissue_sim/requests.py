@@ -10,6 +10,7 @@ from typing import Any
 
 from tissue_sim.frame import Answer
 from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit_check import CheckedEdit
 
 Done = Callable[[Answer], None]
 
@@ -35,10 +36,17 @@ class Request:
 
 @dataclass(frozen=True)
 class PlannedEdit:
-    """An edit and the epoch it was planned in: the arguments of an `edit` request."""
+    """The arguments of an `edit` request.
+
+    Attributes:
+        edit: The edit.
+        epoch: The epoch it was planned in.
+        checked: What was found out about it when it came, if it can be applied.
+    """
 
     edit: TopologyEdit
     epoch: bytes
+    checked: CheckedEdit | None = None
 
 
 class Job:

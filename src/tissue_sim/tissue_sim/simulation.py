@@ -27,6 +27,7 @@ from tissue_sim.frame import (
     ToolSample,
 )
 from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
+from tissue_sim.geometry.edit_check import CheckedEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.reaction import wrench_on_tool
@@ -93,6 +94,7 @@ class Simulation:
         self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
         self.model.prescribed_changed(self.state, self.holds.rows)
         self._prepared: dict[str, tuple[int, Model]] = {}
+        self._checked: dict[int, CheckedEdit] = {}
         self._good = self.state.displacement.copy()
         self._buffers = [np.zeros((mesh.node_capacity, 3), dtype=np.float32) for _ in range(2)]
         extent = np.ptp(mesh.rest[: mesh.node_rows], axis=0).max() if mesh.node_rows else 1.0
@@ -154,6 +156,13 @@ class Simulation:
     def offer_model(self, request_id: str, version: int, model: Model) -> None:
         """Hand over a model built beside the loop for the `set_model` command of this request."""
         self._prepared[request_id] = (version, model)
+
+    def offer_check(self, checked: CheckedEdit) -> None:
+        """Hand over what was found out about an edit beside the loop.
+
+        It saves time in the frame that the edit is applied in, if none comes before it.
+        """
+        self._checked[id(checked.edit)] = checked
 
     def set_model(self, name: str, parameters: Mapping[str, float], request_id: str) -> None:
         """Go on with another model; velocities become zero."""
@@ -226,11 +235,12 @@ class Simulation:
 
     def _apply(self, plan: TopologyEdit) -> tuple[AppliedEdit | None, Answer]:
         started = time.perf_counter()
+        checked = self._checked.pop(id(plan), None)
         try:
             wrong = wrong_weights(plan.moved_weights)
             if wrong:
                 raise EditError(wrong)
-            change = self.mesh.apply(plan)
+            change = self.mesh.apply(plan, checked)
         except StaleEditError as error:
             return None, Answer(plan.request_id, False, str(error), "STALE")
         except EditError as error:

@@ -18,7 +18,7 @@ WIDEN_EVERY = 8
 UNFLIP_WITHIN = 32
 """Sweeps within which every lingering node's elements are looked at once for inversion."""
 
-MOST_VISITED = 4000
+MOST_VISITED = 2000
 """Most nodes a sweep visits: a longer list is visited in parts, so that a large release does not
 make steps longer than a frame."""
 

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.edit import (
-    PROVISIONAL,
-    EditChange,
-    EditError,
-    StaleEditError,
-    TopologyEdit,
-    refuse_malformed,
-)
-from tissue_sim.geometry.incidence import Incidence, among, sorted_unique
-from tissue_sim.geometry.look_up import any_changed, living_rows
-from tissue_sim.geometry.quality import count_flat
+from tissue_sim.geometry.edit import EditChange, TopologyEdit
+from tissue_sim.geometry.edit_check import NO_ROW, CheckedEdit, check_edit
+from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.look_up import living_rows
 from tissue_sim.geometry.raw_mesh import RawMesh
-
-NO_ROW = -1
 
 
 class Mesh:
@@ -130,149 +119,48 @@ class Mesh:
         living_rows(candidates.reshape(-1), rows, alive, found.reshape(-1))
         return found
 
-    def apply(self, edit: TopologyEdit) -> EditChange:
-        """Apply an edit in time proportional to it. Modifies the mesh in place.
-
-        On an error nothing at all is changed.
+    def check(self, edit: TopologyEdit) -> CheckedEdit:
+        """Find out whether an edit can be applied, and what it would do; changes nothing.
 
         Raises:
             StaleEditError: Something in the read set changed after the edit's base version.
             EditError: The edit is malformed, names unknown ids, or would leave an element without
                 positive rest volume or a copied node without an element.
         """
-        refuse_malformed(edit)
-        self._refuse_stale(edit)
-        nodes = self._Names(edit.copied_nodes, self.node_rows, "node")
-        added = self._Names(edit.added_elements, self.element_rows, "element")
-        moved = self._known(edit.moved_nodes, self.node_rows_of, "moved node")
-        anchors = self._known(edit.moved_anchors, self.node_rows_of, "anchor node")
-        parents = self._known(edit.copy_parents, self.node_rows_of, "parent node")
-        rewritten = self._known(edit.rewritten_elements, self.element_rows_of, "rewritten element")
-        removed = self._known(edit.removed_elements, self.element_rows_of, "removed element")
-        born_of = self._known(edit.added_parents, self.element_rows_of, "parent element")
-        rewritten_to = self._known(
-            nodes.permanent(edit.rewritten_nodes), lambda i: self._old_or_new(i, nodes), "node"
-        )
-        added_to = self._known(
-            nodes.permanent(edit.added_nodes), lambda i: self._old_or_new(i, nodes), "node"
-        )
-        self._refuse_fixed(moved)
-        self._refuse_loose_copies(nodes.rows, rewritten_to, added_to)
-        self._reserve(len(nodes.rows), len(added.rows))
+        return check_edit(self, edit)
 
-        elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
-        if len(sorted_unique(elements)) != len(elements):
-            raise EditError("an element is rewritten or removed twice in one edit")
-        old = self.tets[elements].copy()
-        new = np.concatenate([rewritten_to, np.full((len(removed), 4), NO_ROW), added_to])
-        new = new.astype(np.int32)
-        old_moved_rest = self.rest[moved].copy()
-        neighbours = self.incident.of_all(moved)
+    def apply(self, edit: TopologyEdit, checked: CheckedEdit | None = None) -> EditChange:
+        """Apply an edit in time proportional to it. Modifies the mesh in place.
 
+        On an error nothing at all is changed.
+
+        Args:
+            edit: The edit.
+            checked: What `check` made of it; of use if the mesh has not changed since.
+
+        Raises:
+            StaleEditError, EditError: As `check` does.
+        """
+        if checked is None or checked.edit is not edit or checked.version != self.version:
+            checked = self.check(edit)
+        copies, parents, moved = checked.copied_nodes, checked.copy_parents, checked.moved_nodes
+        self._reserve(len(copies), len(checked.added))
+        old_moved_rest = self.rest[moved]
         self.rest[moved] = edit.moved_rest
-        self.rest[nodes.rows] = self.rest[parents]
-        affected = neighbours[~among(neighbours, elements)]
-        try:
-            self._refuse_flat(np.concatenate([self.tets[affected], new[new[:, 0] != NO_ROW]]))
-        except EditError:
-            self.rest[moved] = old_moved_rest
-            self.rest[nodes.rows] = 0.0
-            raise
-
+        self.rest[copies] = self.rest[parents]
         self.version += 1
-        self._enter_nodes(nodes.rows, parents)
-        self._enter_elements(added.rows, born_of, removed)
+        self._enter_nodes(copies, parents)
+        self._enter_elements(checked.added, checked.added_parents, checked.removed)
+        elements, old, new = checked.elements, checked.old_elements, checked.new_elements
         self._rewire(elements, old, new)
-        touched = np.concatenate([old.ravel(), new.ravel(), self.tets[neighbours].ravel(), moved])
-        touched = sorted_unique(touched[touched != NO_ROW])
-        self.node_versions[touched] = self.version
+        self.node_versions[checked.nodes] = self.version
         self.element_versions[elements] = self.version
-        self.element_versions[neighbours] = self.version
-        self._bury_orphans(touched)
-        applied = replace(
-            edit,
-            version=self.version,
-            copied_nodes=nodes.rows.astype(np.uint32),
-            rewritten_nodes=self.node_ids[rewritten_to],
-            added_elements=added.rows.astype(np.uint32),
-            added_nodes=self.node_ids[added_to],
-        )
+        self.element_versions[checked.neighbours] = self.version
+        self._bury_orphans(checked.nodes)
         return EditChange(
-            applied, moved, anchors, edit.moved_weights, old_moved_rest,
-            nodes.rows, parents, elements, old, new, neighbours, touched,
+            checked.applied, moved, checked.moved_anchors, edit.moved_weights, old_moved_rest,
+            copies, parents, elements, old, new, checked.neighbours, checked.nodes,
         )  # fmt: skip
-
-    class _Names:
-        """Permanent rows for ids of new things, provisional in a plan, permanent in a replica."""
-
-        def __init__(self, ids: NDArray[np.uint32], first: int, what: str) -> None:
-            self.first = first
-            offset = np.asarray(ids, dtype=np.int64)
-            self.provisional = bool(len(offset)) and int(offset[0]) >= PROVISIONAL
-            expected = np.arange(len(offset)) + (PROVISIONAL if self.provisional else first)
-            if not np.array_equal(offset, expected):
-                raise EditError(
-                    f"new {what} ids must count up from {PROVISIONAL} in a plan, "
-                    f"or from {first}, the next free row, in an applied edit"
-                )
-            self.rows = np.arange(first, first + len(offset), dtype=np.int32)
-
-        def permanent(self, ids: NDArray[np.uint32]) -> NDArray[np.int64]:
-            wide = np.asarray(ids, dtype=np.int64)
-            return np.where(wide >= PROVISIONAL, wide - PROVISIONAL + self.first, wide)
-
-    def _old_or_new(self, ids: NDArray[np.int64], new: _Names) -> NDArray[np.int32]:
-        is_new = (ids >= new.first) & (ids < new.first + len(new.rows))
-        return np.where(is_new, ids, self.node_rows_of(np.where(is_new, 0, ids))).astype(np.int32)
-
-    @staticmethod
-    def _known(
-        ids: NDArray[np.integer], rows_of: Callable[..., NDArray[np.int32]], what: str
-    ) -> NDArray[np.int32]:
-        rows = rows_of(ids)
-        if (rows == NO_ROW).any():
-            missing = np.unique(np.asarray(ids)[rows == NO_ROW])[:5]
-            raise EditError(f"the edit names a {what} that is not there: id {missing.tolist()}")
-        return rows
-
-    def _refuse_stale(self, edit: TopologyEdit) -> None:
-        if not 0 < edit.base_version <= self.version:
-            raise StaleEditError(
-                f"planned on version {edit.base_version}; the tissue is at {self.version}"
-            )
-        for ids, rows_of, versions, what in (
-            (edit.read_nodes, self.node_rows_of, self.node_versions, "node"),
-            (edit.read_elements, self.element_rows_of, self.element_versions, "element"),
-        ):
-            rows = rows_of(ids)
-            if not any_changed(rows, versions, edit.base_version):
-                continue
-            changed = (rows == NO_ROW) | (versions[rows] > edit.base_version)
-            raise StaleEditError(
-                f"{int(changed.sum())} {what}s that the plan has read, {what} "
-                f"{int(ids[changed][0])} among them, changed after version {edit.base_version}"
-            )
-
-    def _refuse_fixed(self, moved: NDArray[np.int32]) -> None:
-        if self.fixed[moved].any():
-            ids = self.node_ids[moved[self.fixed[moved]]][:5]
-            raise EditError(f"fixed nodes cannot be moved: id {ids.tolist()}")
-
-    @staticmethod
-    def _refuse_loose_copies(
-        copies: NDArray[np.int32], rewritten: NDArray[np.int32], added: NDArray[np.int32]
-    ) -> None:
-        if not len(copies):
-            return
-        named = np.concatenate([rewritten.ravel(), added.ravel()])
-        uses = np.bincount(named[named >= copies[0]] - copies[0], minlength=len(copies))
-        if not uses.all():
-            raise EditError(f"{int((uses == 0).sum())} copied nodes would belong to no element")
-
-    def _refuse_flat(self, tets: NDArray[np.int32]) -> None:
-        flat = count_flat(self.rest, tets)
-        if flat:
-            raise EditError(f"{flat} elements would have no positive rest volume")
 
     def _reserve(self, nodes: int, elements: int) -> None:
         def longer(array: NDArray[Any], rows: int, fill: float) -> NDArray[Any]:

@@ -14,26 +14,31 @@ def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.integer]) -> ND
 
 
 @njit(cache=True, nogil=True)
-def count_flat(points: NDArray[np.float64], tets: NDArray[np.int32]) -> int:
-    """Number of tetrahedra whose volume is not positive; quick enough for use in a frame."""
+def count_flat(
+    points: NDArray[np.float64],
+    place_of: NDArray[np.int32],
+    places: NDArray[np.float64],
+    tets: NDArray[np.int32],
+) -> int:
+    """Number of tetrahedra whose volume is not positive; quick enough for use in a frame.
+
+    Args:
+        points: Positions of nodes [m], shape (n, 3).
+        place_of: For each node, -1 or the row of `places` that it is at instead.
+        places: Other positions [m], shape (m, 3).
+        tets: Nodes of the tetrahedra, shape (element_count, 4).
+    """
     flat = 0
+    x = np.empty((4, 3))
     for element in range(len(tets)):
-        a, b, c, d = tets[element, 0], tets[element, 1], tets[element, 2], tets[element, 3]
-        u0, u1, u2 = (
-            points[b, 0] - points[a, 0],
-            points[b, 1] - points[a, 1],
-            points[b, 2] - points[a, 2],
-        )
-        v0, v1, v2 = (
-            points[c, 0] - points[a, 0],
-            points[c, 1] - points[a, 1],
-            points[c, 2] - points[a, 2],
-        )
-        w0, w1, w2 = (
-            points[d, 0] - points[a, 0],
-            points[d, 1] - points[a, 1],
-            points[d, 2] - points[a, 2],
-        )
+        for corner in range(4):
+            node = tets[element, corner]
+            place = place_of[node]
+            for axis in range(3):
+                x[corner, axis] = points[node, axis] if place < 0 else places[place, axis]
+        u0, u1, u2 = x[1, 0] - x[0, 0], x[1, 1] - x[0, 1], x[1, 2] - x[0, 2]
+        v0, v1, v2 = x[2, 0] - x[0, 0], x[2, 1] - x[0, 1], x[2, 2] - x[0, 2]
+        w0, w1, w2 = x[3, 0] - x[0, 0], x[3, 1] - x[0, 1], x[3, 2] - x[0, 2]
         volume = u0 * (v1 * w2 - v2 * w1) + u1 * (v2 * w0 - v0 * w2) + u2 * (v0 * w1 - v1 * w0)
         if not volume > 0.0:
             flat += 1
