@@ -1,7 +1,8 @@
 """What a cut costs the loop: the demo's operation with and without its cuts, in pairs.
 
 The machine is shared, so a single run says little: both variants take turns, the order of each pair
-alternating, and what counts is the difference within the pairs.
+alternating, and what counts is the difference within the pairs. How late an empty loop is on the
+same machine just before stands beside each run.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import json
 import os
 import platform
 import statistics
+import subprocess
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +29,8 @@ from tissue_sim.scene_file import config_folder, find_scene
 from tissue_sim.session import SessionPlan
 
 WITH, WITHOUT = "with cuts", "without cuts"
+MACHINE_FRAMES = 300
+"""Frames of the empty loop before each run."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class LoopRow:
         apply_ms: Time of each cut inside the loop [ms].
         plan_ms: Time of each cut in the cutting service [ms].
         load: Load average before the run.
+        machine_late_share: Share of late frames of an empty loop just before the run.
     """
 
     pair: int
@@ -57,6 +63,7 @@ class LoopRow:
     apply_ms: tuple[float, ...]
     plan_ms: tuple[float, ...]
     load: float
+    machine_late_share: float
 
 
 def run_study(out: Path, repeats: int, scene: str = "heart") -> dict[str, Any]:
@@ -84,7 +91,7 @@ def run_study(out: Path, repeats: int, scene: str = "heart") -> dict[str, Any]:
 
 
 def _run(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> LoopRow:
-    load = os.getloadavg()[0]
+    load, machine = os.getloadavg()[0], _machine_late_share()
     plan = SessionPlan(scene=find_scene(scene), out=empty_folder(out), procedure=procedure)
     operate(plan, quiet=True)
     seen = read_json(plan.monitor_file)
@@ -104,7 +111,14 @@ def _run(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> Loo
         apply_ms=tuple(float(cut["apply_ms"]) for cut in cuts),
         plan_ms=tuple(float(cut["plan_ms"]) for cut in cuts),
         load=load,
+        machine_late_share=machine,
     )
+
+
+def _machine_late_share() -> float:
+    # A process of its own: the priority ends with it.
+    command = [sys.executable, "-m", "tissue_sim.machine_lateness", str(MACHINE_FRAMES)]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def _without_cuts(procedure: Path, target: Path) -> Path:
@@ -124,6 +138,7 @@ def _judge(rows: list[LoopRow]) -> dict[str, Any]:
         "late_difference": differences,
         "late_difference_median": statistics.median(differences),
         "late_share_median": statistics.median(row.late_share for row in rows),
+        "machine_late_share_median": statistics.median(row.machine_late_share for row in rows),
         "hz_median": statistics.median(row.hz for row in rows),
         "pose_to_state_p99_median": statistics.median(row.pose_to_state_p99 for row in rows),
         "apply_ms_median": statistics.median(applied) if applied else None,
@@ -142,7 +157,8 @@ def _machine() -> dict[str, Any]:
 def _in_words(row: LoopRow) -> str:
     return (
         f"pair {row.pair + 1} {row.variant}: {row.hz:.2f} Hz, {row.late} of {row.frames} late, "
-        f"pose to state p99 {row.pose_to_state_p99:.1f} ms, load before {row.load:.1f}"
+        f"pose to state p99 {row.pose_to_state_p99:.1f} ms, load before {row.load:.1f}, "
+        f"an empty loop {row.machine_late_share:.1%} late"
     )
 
 
@@ -150,6 +166,8 @@ def _print(console: Console, result: dict[str, Any]) -> None:
     table = Table(title="the loop, with and without cuts (medians)", show_header=False)
     table.add_row("frames a second", f"{result['hz_median']:.2f}")
     table.add_row("late frames", f"{100 * result['late_share_median']:.2f} %")
+    machine = f"{100 * result['machine_late_share_median']:.2f} %"
+    table.add_row("late frames of an empty loop", machine)
     differences = ", ".join(map(str, result["late_difference"]))
     table.add_row(
         "late with minus late without", f"{result['late_difference_median']:g} ({differences})"
