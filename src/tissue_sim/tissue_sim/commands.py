@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tissue_sim.elastic import registry
 from tissue_sim.frame import Answer, Command
 from tissue_sim.interaction.tools import LARGEST, SPHERE, ToolError, ToolSpec
@@ -134,15 +132,3 @@ _HANDLERS: dict[str, Callable[[Simulation, Mapping[str, Any], str], _Result]] = 
     "remove_tool": _remove_tool,
     "pause": _pause,
 }
-
-
-def wrong_weights(weights: np.ndarray) -> str:
-    """What is wrong with the weights of an edit's moved nodes; empty: nothing."""
-    if not len(weights):
-        return ""
-    # Whoever is not a number compares as false; Mesh.apply refuses it.
-    if np.abs(weights.sum(axis=1) - 1.0).max() > 1e-6:
-        return "the weights of a moved node do not add up to 1"
-    if np.abs(weights).max() > 100.0:
-        return "a moved node lies far outside of its anchors"
-    return ""

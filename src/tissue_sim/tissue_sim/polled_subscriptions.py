@@ -86,7 +86,7 @@ class PolledSubscriptions:
 
     def take(self) -> None:
         """Hand over what has come since the last call, in the order in which it came."""
-        taken = []
+        taken: list[tuple[int, int, Subscription, tuple[Any, dict[str, int]]]] = []
         for subscription in self._by_topic.values():
             for _ in range(MOST_AT_ONCE):
                 found = _next(subscription)

@@ -141,7 +141,7 @@ def transport() -> dict[str, str]:
 
     A frame of 40,000 nodes is half a megabyte; with sockets as small as Linux makes them by itself,
     receivers that are busy for a moment lose most of it. Sent by a thread of the middleware, it
-    keeps neither the loop nor Python's lock: a keyframe of ten megabytes takes tens of milliseconds.
+    keeps neither the loop nor Python's lock: ten megabytes of a keyframe take tens of milliseconds.
     """
     if any(os.environ.get(name) for name in TRANSPORT_VARIABLES):
         return {}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.commands import execute, wrong_weights
+from tissue_sim.commands import execute
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.frame import (
@@ -237,9 +237,6 @@ class Simulation:
         started = time.perf_counter()
         checked = self._checked.pop(id(plan), None)
         try:
-            wrong = wrong_weights(plan.moved_weights)
-            if wrong:
-                raise EditError(wrong)
             change = self.mesh.apply(plan, checked)
         except StaleEditError as error:
             return None, Answer(plan.request_id, False, str(error), "STALE")

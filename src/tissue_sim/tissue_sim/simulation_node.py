@@ -214,6 +214,7 @@ class SimulationNode(Node):
             state = Status.LOADING
         self._say(simulation.epoch, simulation.mesh.version, state, self._message)
         self._topics.publish_tools(list(self._live.trackers.values()), stamp)
+        self._keyframes.publish_made(now, self._rate.slack())
         self._keyframes.unkeyed += len(frame.edits)
         if self._keyframes.wanted(now) and (
             not late or self._keyframes.unkeyed >= 256 or now - self._looked_after > 2.0

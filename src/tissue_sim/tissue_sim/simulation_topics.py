@@ -189,8 +189,17 @@ class ToolTopics:
         node.destroy_publisher(self.wrench)
 
 
+PUBLISHING_TAKES = 0.006
+"""Time left until the next frame in which a large keyframe can be published [s]."""
+
+PATIENCE = 0.5
+"""A keyframe waits no longer for so much time [s]."""
+
+
 class Keyframes:
-    """Serialises keyframes in a thread of its own: after edits, at most once in `interval`.
+    """Makes keyframes in a thread of its own: after edits, at most once in `interval`.
+
+    The loop publishes them when it has time: publishing keeps Python's lock for milliseconds.
 
     Attributes:
         components: Connected parts of the organ in the last keyframe.
@@ -203,10 +212,11 @@ class Keyframes:
         self._topics, self._interval = topics, interval
         self._begun = -np.inf
         self._work: threading.Thread | None = None
+        self._made: Topology | None = None
 
     def wanted(self, now: float) -> bool:
         """Whether it is time for the next keyframe."""
-        if not self.unkeyed or (self._work and self._work.is_alive()):
+        if not self.unkeyed or self._made or (self._work and self._work.is_alive()):
             return False
         return now - self._begun >= self._interval or self.unkeyed >= qos.MAX_UNKEYED_EDITS // 2
 
@@ -219,7 +229,7 @@ class Keyframes:
         return conversions.mesh_to_topology(mesh, epoch, self._topics.frame_id, stamp)
 
     def begin(self, mesh: Mesh, epoch: bytes, now: float, stamp: Time) -> None:
-        """Make and publish a keyframe beside the loop.
+        """Make a keyframe beside the loop.
 
         Args:
             mesh: A copy nobody else changes.
@@ -231,19 +241,33 @@ class Keyframes:
         self._begun = now
 
         def work() -> None:
-            self._topics.topology.publish(self.make(mesh, epoch, stamp))
+            self._made = self.make(mesh, epoch, stamp)
 
         self._work = threading.Thread(target=work, name="keyframe", daemon=True)
         self._work.start()
 
+    def publish_made(self, now: float, slack: float) -> None:
+        """Publish the keyframe made last, if there is one and time for it.
+
+        Args:
+            now: Steady time [s].
+            slack: Time until the next frame [s].
+        """
+        made = self._made
+        if made is not None and (slack > PUBLISHING_TAKES or now - self._begun > PATIENCE):
+            self._made = None
+            self._topics.topology.publish(made)
+
     def publish(self, keyframe: Topology, now: float) -> None:
         """Publish the keyframe an epoch starts with."""
         self.finish()
+        self._made = None
         self.unkeyed = 0
         self._begun = now
         self._topics.topology.publish(keyframe)
 
     def finish(self) -> None:
-        """Wait for the keyframe that is being made."""
+        """Wait for the keyframe that is being made, and publish it."""
         if self._work:
             self._work.join(timeout=10.0)
+        self.publish_made(np.inf, np.inf)

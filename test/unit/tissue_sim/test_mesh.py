@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.elastic_scenes import block_mesh, split_edit
 from tissue_sim.geometry.edit import PROVISIONAL, EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
@@ -313,3 +314,23 @@ def test_incident_lists_do_not_depend_on_history() -> None:
     assert lists.of(0).tolist() == [0, 1, 2, 3, 5, 7, 8, 9]
     with pytest.raises(KeyError, match="item 6 does not meet node row 0"):
         lists.remove(0, 6)
+
+
+def test_what_was_checked_before_is_applied_alike_and_checked_again_after_another_edit() -> None:
+    mesh, twin = block_mesh(6), block_mesh(6)
+    first, second = split_edit(mesh, 0.024), split_edit(mesh, 0.048)
+    checked = mesh.check(first)
+    assert mesh.version == 1
+    change, other = mesh.apply(first, checked), twin.apply(first)
+    for name in ("nodes", "elements", "new_elements", "copied_nodes", "neighbours"):
+        np.testing.assert_array_equal(getattr(change, name), getattr(other, name))
+    np.testing.assert_array_equal(mesh.tets, twin.tets)
+    np.testing.assert_array_equal(mesh.rest, twin.rest)
+    # Checked on version 1, where its copies would have had other rows.
+    outdated = twin.check(split_edit(twin, 0.012))
+    twin.apply(second)
+    mesh.apply(second)
+    twin.apply(outdated.edit, outdated)
+    mesh.apply(outdated.edit)
+    np.testing.assert_array_equal(mesh.tets, twin.tets)
+    np.testing.assert_array_equal(mesh.rest, twin.rest)

@@ -15,6 +15,10 @@ PROVISIONAL = 1 << 31
 """First provisional id."""
 
 
+FARTHEST_ANCHOR = 100.0
+"""Largest barycentric weight of a moved node that is believed."""
+
+
 class EditError(ValueError):
     """An edit that would make a bad mesh; nothing was changed."""
 
@@ -105,6 +109,10 @@ def refuse_malformed(edit: TopologyEdit) -> None:
             raise EditError(f"{other} has shape {shape}; {counted} calls for {wanted}")
     if not (np.isfinite(edit.moved_rest).all() and np.isfinite(edit.moved_weights).all()):
         raise EditError("a moved node's new place or weights are not finite")
+    if len(edit.moved_weights) and np.abs(edit.moved_weights.sum(axis=1) - 1.0).max() > 1e-6:
+        raise EditError("the weights of a moved node do not add up to 1")
+    if np.abs(edit.moved_weights).max(initial=0.0) > FARTHEST_ANCHOR:
+        raise EditError("a moved node lies far outside of its anchors")
     moved = np.sort(edit.moved_nodes)
     if (moved[1:] == moved[:-1]).any():
         raise EditError("a node is moved twice in one edit")

@@ -217,9 +217,9 @@ def repair(
         the lists' data in use, and springs touched so far.
     """
     among, sums = scratch
-    longest = 0
+    longest = np.int64(0)
     for node in nodes:
-        longest = max(longest, np.int64(lists.degree[node]))
+        longest = np.int64(max(longest, lists.degree[node]))
     for place in range(begin, len(nodes)):
         a = nodes[place]
         first, last = elements.start[a], elements.start[a] + elements.degree[a]
@@ -234,11 +234,12 @@ def repair(
                 b = elements.tets[element, corner]
                 # Adding nothing is quicker than a branch nobody can foresee.
                 sums[b] += elements.volumes[element] * (b > a and among[b])
-        entry, end = np.int64(lists.start[a]), np.int64(lists.start[a]) + np.int64(lists.degree[a])
-        while entry < end:
-            b, spring = np.int64(lists.neighbour[entry]), lists.spring[entry]
+        at = np.int64(lists.start[a])
+        end = at + np.int64(lists.degree[a])
+        while at < end:
+            b, spring = np.int64(lists.neighbour[at]), lists.spring[at]
             if b < a or not among[b]:
-                entry += 1
+                at += 1
                 continue
             volume, sums[b] = sums[b], 0.0
             if volume == 0.0:
@@ -254,11 +255,11 @@ def repair(
             if length != springs.length[spring] or stiffness != springs.stiffness[spring]:
                 springs.length[spring], springs.stiffness[spring] = length, stiffness
                 other = _find(lists, b, a)
-                lists.stiffness[entry] = lists.stiffness[other] = stiffness
-                lists.length[entry] = lists.length[other] = length
+                lists.stiffness[at] = lists.stiffness[other] = stiffness
+                lists.length[at] = lists.length[other] = length
                 kind[count], touched[count] = 1, spring
                 count += 1
-            entry += 1
+            at += 1
         for entry in range(first, last):
             for corner in range(4):
                 b = elements.tets[elements.data[entry], corner]
