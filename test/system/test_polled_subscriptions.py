@@ -84,7 +84,7 @@ def test_what_cannot_arrive_is_named_and_a_removed_topic_is_silent(
     polled.add(String, "words", lambda message, _info: heard.append(message.data), RELIABLE)
     assert "words" in polled
     weak = talker.create_publisher(String, "words", BEST_EFFORT)
-    wait_for(polled.incompatible, what="the report")
+    wait_for(lambda: bool(polled.incompatible()), what="the report")
     assert "/talker offers an incompatible quality of service" in polled.incompatible()["/words"]
     talker.destroy_publisher(weak)
     wait_for(lambda: not polled.incompatible(), what="its end")

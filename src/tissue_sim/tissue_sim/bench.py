@@ -269,7 +269,7 @@ def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
 
 def _relaxation(springs: SpringNetwork, listed: int, outside: int) -> Work:
     nodes = int(springs.mesh.node_alive.sum())
-    return Work(12 * listed + 37 * nodes, 2 * outside, nodes, listed)
+    return Work(24 * listed + 53 * nodes, outside, nodes, listed)
 
 
 def _time_step(springs: SpringNetwork) -> Work:

@@ -162,6 +162,27 @@ def _in_words(row: LoopRow) -> str:
     )
 
 
+def as_markdown(result: dict[str, Any]) -> str:
+    """The runs as a table, with the medians in its last line."""
+    lines = [
+        "| pair | | late | an empty loop before | pose to state p99 [ms] | cut in the loop [ms] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        cuts = ", ".join(f"{ms:.2f}" for ms in row["apply_ms"])
+        lines.append(
+            f"| {row['pair'] + 1} | {row['variant']} | {row['late']} of {row['frames']} "
+            f"({row['late_share']:.2%}) | {row['machine_late_share']:.2%} "
+            f"| {row['pose_to_state_p99']:.1f} | {cuts} |"
+        )
+    lines.append(
+        f"| **medians** | | {result['late_share_median']:.2%} "
+        f"| {result['machine_late_share_median']:.2%} "
+        f"| {result['pose_to_state_p99_median']:.1f} | {result['apply_ms_median']:.2f} |"
+    )
+    return "\n".join(lines)
+
+
 def _print(console: Console, result: dict[str, Any]) -> None:
     table = Table(title="the loop, with and without cuts (medians)", show_header=False)
     table.add_row("frames a second", f"{result['hz_median']:.2f}")

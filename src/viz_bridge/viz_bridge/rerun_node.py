@@ -38,6 +38,8 @@ SPECS = (
 
 
 TAKING_PERIOD = 0.01
+AFTER_VIEWER_SECONDS = 5.0
+"""Longest wait for what was stuck on a viewer, once that has ended."""
 
 
 class RerunNode(Node):
@@ -67,6 +69,10 @@ class RerunNode(Node):
                 print(f"[rerun]: {thread.name} takes nothing any more", file=sys.stderr, flush=True)
         if self._viewer is not None:
             self._viewer.stop()
+            # What was stuck on the viewer fails now. A thread that does so while Python is being
+            # taken down aborts the process.
+            for thread in self._threads:
+                thread.close(AFTER_VIEWER_SECONDS)
 
     def _open_sinks(self) -> None:
         sink = self._values["sink"]
