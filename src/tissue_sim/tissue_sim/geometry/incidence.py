@@ -155,7 +155,7 @@ class Incidence:
         ends = np.cumsum(lists.room, dtype=np.int64)
         lists.start[1:] = ends[:-1]
         lists.used = int(ends[-1]) if node_capacity else 0
-        lists.data = np.full(lists.used + lists.used // 8 + 64, -1, dtype=np.int32)
+        lists.data = np.full(lists.used + lists.used // 4 + 65536, -1, dtype=np.int32)
         _fill(items, alive, lists.start, lists.count, lists.data)
         return lists
 
@@ -201,9 +201,9 @@ class Incidence:
             KeyError: An item is not in the list of one of its old nodes.
         """
         joined = new[new >= 0]
+        nodes = sorted_unique(joined)
         # A list doubles its room until it fits: all its moves together take less than this.
-        rooms = int(self.room[joined].sum(dtype=np.int64))
-        places = self.used + 4 * (rooms + (1 + LEAST_ROOM) * len(joined))
+        places = self.used + 4 * int(self.room[nodes].sum() + len(joined) + LEAST_ROOM * len(nodes))
         if places > len(self.data):
             spare = np.full(places - len(self.data) + len(self.data) // 2, -1, dtype=np.int32)
             self.data = np.concatenate([self.data, spare])
