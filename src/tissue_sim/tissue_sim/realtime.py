@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-SWITCH_INTERVAL = 0.0005
+SWITCH_INTERVAL = 0.0001
 """How long another thread may keep Python from the loop thread [s]."""
 
 WAKE_MARGIN = 0.0002
