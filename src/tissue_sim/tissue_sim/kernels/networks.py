@@ -252,11 +252,13 @@ def repair(
                 continue
             length = _distance(kernel_rest, a, b)
             stiffness = modulus * volume / (length * length)
-            if length != springs.length[spring] or stiffness != springs.stiffness[spring]:
-                springs.length[spring], springs.stiffness[spring] = length, stiffness
+            # Written without being read: reading would wait for memory.
+            springs.length[spring], springs.stiffness[spring] = length, stiffness
+            length_before, stiffness_before = lists.length[at], lists.stiffness[at]
+            lists.length[at], lists.stiffness[at] = length, stiffness
+            if lists.length[at] != length_before or lists.stiffness[at] != stiffness_before:
                 other = _find(lists, b, a)
-                lists.stiffness[at] = lists.stiffness[other] = stiffness
-                lists.length[at] = lists.length[other] = length
+                lists.length[other], lists.stiffness[other] = length, stiffness
                 kind[count], touched[count] = 1, spring
                 count += 1
             at += 1
