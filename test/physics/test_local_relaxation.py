@@ -14,8 +14,9 @@ from support.elastic_scenes import (
     top_ball,
     wall_mesh,
 )
+from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
-from tissue_sim.elastic.ordering import WHOLE_ORGAN
+from tissue_sim.elastic.ordering import WHOLE_ORGAN, NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.quality import signed_volumes
 
@@ -94,3 +95,21 @@ def test_two_holds_let_go_one_after_the_other_leave_nothing_behind() -> None:
     release(model, state, mesh)
     steps(model, state, 2000)
     assert np.abs(state.displacement).max() < 1e-5
+
+
+def test_a_node_that_lingers_again_does_not_repeat_the_move_of_its_last_time() -> None:
+    mesh = block_mesh()
+    springs, state = SpringNetwork(mesh, MATERIAL), State(mesh)
+    order = NodeOrdering(springs)
+    order.search(np.empty(0, dtype=np.int32), state.prescribed)
+    lingering = Lingering(springs, momentum=0.7, joins=False)
+    nodes = top_ball(mesh).astype(np.uint32)
+    state.displacement[nodes] = [0, 0, 0.002]
+    lingering.join(nodes)
+    lingering.sweep(state, order, 0, np.float32(1))
+    assert (state.displacement[nodes] != [0, 0, 0.002]).any()
+    lingering.clear()
+    state.displacement[:] = 0
+    lingering.join(nodes)
+    lingering.sweep(state, order, 0, np.float32(1))
+    assert np.abs(state.displacement).max() < 1e-9

@@ -24,6 +24,7 @@ TRANSPORT_VARIABLES = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
+PUBLICATION_MODE = "RMW_FASTRTPS_PUBLICATION_MODE"
 SIMULATION_PROCESS = "tissue_sim"
 CUT_SERVICE = "cut_service"
 SCRIPT = "script"
@@ -143,12 +144,10 @@ def transport() -> dict[str, str]:
     receivers that are busy for a moment lose most of it. Sent by a thread of the middleware, it
     keeps neither the loop nor Python's lock: ten megabytes of a keyframe take tens of milliseconds.
     """
-    if any(os.environ.get(name) for name in TRANSPORT_VARIABLES):
-        return {}
-    return {
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4?sockets_size=4MB",
-        "RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS",
-    }
+    chosen = {} if os.environ.get(PUBLICATION_MODE) else {PUBLICATION_MODE: "ASYNCHRONOUS"}
+    if not any(os.environ.get(name) for name in TRANSPORT_VARIABLES):
+        chosen["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4?sockets_size=4MB"
+    return chosen
 
 
 def _ros_value(value: Any) -> str:

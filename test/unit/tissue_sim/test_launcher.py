@@ -14,6 +14,7 @@ import pytest
 
 from tissue_sim.free_domain import choose_domain, is_free, unicast_port
 from tissue_sim.launcher import Launcher, LaunchError, ProcessSpec, describe_exit
+from tissue_sim.session import PUBLICATION_MODE, TRANSPORT_VARIABLES, transport
 
 SLEEPER = [sys.executable, "-c", "import time; time.sleep(600)"]
 STUBBORN = ["sh", "-c", "trap '' INT TERM; sleep 600 & while true; do sleep 600; done"]
@@ -145,3 +146,22 @@ def test_domain_in_use_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_domain_of_the_user_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "42")
     assert choose_domain() == 42
+
+
+@pytest.mark.parametrize(
+    ("chosen", "expected"),
+    [
+        ({}, {"FASTDDS_BUILTIN_TRANSPORTS", "RMW_FASTRTPS_PUBLICATION_MODE"}),
+        ({"FASTDDS_BUILTIN_TRANSPORTS": "SHM"}, {"RMW_FASTRTPS_PUBLICATION_MODE"}),
+        ({"FASTDDS_DEFAULT_PROFILES_FILE": "mine.xml"}, {"RMW_FASTRTPS_PUBLICATION_MODE"}),
+        ({"RMW_FASTRTPS_PUBLICATION_MODE": "SYNCHRONOUS"}, {"FASTDDS_BUILTIN_TRANSPORTS"}),
+    ],
+)
+def test_a_session_leaves_what_the_user_chose_of_the_transport(
+    monkeypatch: pytest.MonkeyPatch, chosen: dict[str, str], expected: set[str]
+) -> None:
+    for name in (*TRANSPORT_VARIABLES, PUBLICATION_MODE):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in chosen.items():
+        monkeypatch.setenv(name, value)
+    assert set(transport()) == expected

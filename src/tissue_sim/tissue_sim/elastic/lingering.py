@@ -90,6 +90,7 @@ class Lingering:
         """Let free nodes linger too, after those that do."""
         new = nodes[~self.member[nodes]]
         self.member[new] = True
+        self._last_move[new] = 0  # What a node did when it lingered last is over.
         self._since_flip = 0
         end = self.count + len(new)
         self.nodes[self.count : end] = new
