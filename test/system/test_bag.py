@@ -96,9 +96,8 @@ def test_a_session_is_recorded_and_read_by_others(
         "viz_bridge.monitor", "--ros-args", "-p", f"path:={monitor_file}", log=tmp_path / "m.log"
     )
     running += [node, monitor]
-    # The journal goes to the bag; the monitor is found by the time the first state is judged.
     wait_for(monitor_file.exists, 30, "the monitor's first file")
-    assert start_fake("--frames", "420").wait(60) == 0
+    assert start_fake("--frames", "420", "--monitors", "1").wait(60) == 0
     assert interrupt(node) == 0
     assert interrupt(monitor) == 0
 

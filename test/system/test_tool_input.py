@@ -185,6 +185,7 @@ def test_crtk_arm_moves_a_tool_and_its_jaw_grabs(
             "crtk", "tool_input.crtk_node", "--ros-args", "-p", "arm:=PSM1", "-p", "tool:=grasper",
             "-p", f"base_position:={HOLD}", "-p", "scale:=0.5",
         )  # fmt: skip
+        wait_for(lambda: "somebody listens" in world.log("crtk"), PATIENCE, "the simulation")
         stream(ros_domain, publish, make)
         wait_for(lambda: edges(seen) == [1, -1], 20.0, "the jaw's press and release")
         np.testing.assert_allclose(place_of(seen), np.add(HOLD, [0, 0, 0.01]), atol=1e-6)
@@ -200,7 +201,7 @@ def test_replay_moves_the_tools_of_a_bag_again(
     with simulation(world, repository, ros_domain) as seen:
         world.start("bag", "viz_bridge.bag_node", "--ros-args", "-p", "bag:=session")
         wait_for(lambda: seen.finding("/bag: recording") == "recording", PATIENCE, "the bag")
-        start_script(world, tmp_path, lift)
+        start_script(world, tmp_path, lift, "-p", "listeners:=2")
         wait_for((tmp_path / "report.json").exists, PATIENCE, "the end of the procedure")
         first = seen.samples("grasper")
         assert code_of(world, "script") == 0
@@ -341,5 +342,6 @@ def test_dvrk_example_grabs_with_the_arms_jaw(
     assert "./tissue run heart" in text
     with simulation(world, repository, ros_domain) as seen:
         world.start("crtk", "tool_input.crtk_node", *arguments)
+        wait_for(lambda: "somebody listens" in world.log("crtk"), PATIENCE, "the simulation")
         stream(ros_domain, publish, make)
         wait_for(lambda: edges(seen) == [1], 20.0, "the press")

@@ -111,6 +111,7 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
             "procedure": str(plan.procedure),
             "clock": plan.clock,
             "report": str(plan.script_file),
+            "listeners": 1 + int(plan.bag),
         }
         specs.append(_node(plan, SCRIPT, "tool_input.script_node", script, needed=False))
     return {spec.name: spec for spec in specs}
@@ -179,7 +180,7 @@ def with_waiting(plan: SessionPlan) -> SceneFile:
         listeners["tissue/journal"] += 1
     waits = [f"{topic}:{count}" for topic, count in listeners.items() if count]
     if plan.procedure is not None:
-        waits += [f"tools/{tool}/servo_cp:1" for tool in tools_of(plan.procedure)]
+        waits.append("script/event:1")  # Offered when the script is ready to play.
     return plan.scene.with_simulation({"wait_for": waits}) if waits else plan.scene
 
 

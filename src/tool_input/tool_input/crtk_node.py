@@ -37,6 +37,7 @@ SPECS = (
     Spec("open_above", "double", 0.25, "jaw opening above which it is not", "rad", -3.2, 3.2),
     Spec("clutch_topic", "string", "", "Bool topic: true takes the arm off the tool; empty: none"),
 )
+LOOK_SECONDS = 0.1
 
 
 class CrtkNode(Node):
@@ -65,6 +66,12 @@ class CrtkNode(Node):
         self.get_logger().info(
             f"{arm}/measured_cp and {arm}/jaw/measured_js drive tools/{values['tool']}"
         )
+        self._waiting = self.create_timer(LOOK_SECONDS, self._look_for_listeners)
+
+    def _look_for_listeners(self) -> None:
+        if self._topics.listeners:
+            self.get_logger().info(f"somebody listens to tools/{self._topics.tool}")
+            self._waiting.cancel()
 
     def _on_pose(self, message: PoseStamped) -> None:
         place, turn = message.pose.position, message.pose.orientation

@@ -6,13 +6,14 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from tissue_interfaces.msg import Journal, Status, Tool, ToolList
@@ -56,7 +57,7 @@ class ScriptNode(Node):
         self._topics = {
             name: ToolTopics(self, name, self.procedure.frame_id) for name in self.procedure.tools
         }
-        self._events = self.create_publisher(String, "script/event", EVENTS)
+        self._events: Publisher | None = None
         self._clock_source = SimulationClock() if self.settings.clock == "simulation" else None
         self._requests = Requests(self, self.procedure, self._say, self.settings.service_timeout)
         self.create_subscription(Status, "tissue/status", self._on_status, qos.LATCHED)
@@ -109,7 +110,8 @@ class ScriptNode(Node):
             self._run()
             self._requests.finish(self._ended)
             self._say(f"over after {self._player.time:.2f} s")
-            self._events.wait_for_all_acked(Duration(seconds=1.0))
+            if self._events is not None:
+                self._events.wait_for_all_acked(Duration(seconds=1.0))
             self.exit_code = 0 if not self._requests.failures else 1
         except ScriptError as error:
             if not self._ended.is_set():
@@ -122,18 +124,30 @@ class ScriptNode(Node):
         rclpy.try_shutdown()
 
     def _get_ready(self) -> None:
+        """Wait for everything that may be slow to be found before the simulation's clock starts."""
         patience = self.settings.start_timeout
-        self._wait(lambda: self._ready(), patience, "tissue/status does not say READY")
+        self._wait(lambda: self._status is not None, patience, "nothing is heard on tissue/status")
         self._wait(lambda: self._tools is not None, patience, "nothing is heard on tissue/tools")
-        self._make_tools()
-        self._wait(
-            lambda: all(topics.matched for topics in self._topics.values()),
-            patience,
-            "nobody listens to tools/<tool>/servo_cp of "
-            f"{', '.join(n for n, t in self._topics.items() if not t.matched) or 'a tool'}",
-        )
+        self._find_listeners([name for name in self._topics if name in (self._tools or {})])
         for service in self._requests.needed():
             self._wait(service.service_is_ready, patience, f"no service {service.srv_name}")
+        # Whoever waits for somebody to offer this topic starts when the procedure can begin.
+        self._events = self.create_publisher(String, "script/event", EVENTS)
+        self._wait(self._ready, patience, "tissue/status does not say READY")
+        self._make_tools()
+        self._find_listeners(self._topics)
+
+    def _find_listeners(self, tools: Iterable[str]) -> None:
+        wanted = self.settings.listeners
+
+        def deaf() -> list[str]:
+            return [name for name in tools if self._topics[name].listeners < wanted]
+
+        self._wait(
+            lambda: not deaf(),
+            self.settings.start_timeout,
+            lambda: f"fewer than {wanted} listen to tools/<tool>/servo_cp of {', '.join(deaf())}",
+        )
 
     def _ready(self) -> bool:
         if self._status is not None and self._status.state == Status.FAILED:
@@ -193,17 +207,21 @@ class ScriptNode(Node):
                 announced = tenth
                 self.get_logger().info(f"{self.procedure.title}: {10 * tenth} %")
 
-    def _wait(self, condition: Callable[[], bool], seconds: float, problem: str) -> None:
+    def _wait(
+        self, condition: Callable[[], bool], seconds: float, problem: str | Callable[[], str]
+    ) -> None:
         """Wait for a condition."""
         deadline = time.monotonic() + seconds
         while not condition():
             if self._ended.wait(POLL_SECONDS):
                 raise ScriptError("asked to end before the procedure began")
             if time.monotonic() > deadline:
-                raise ScriptError(f"{problem} after {seconds:g} s")
+                text = problem if isinstance(problem, str) else problem()
+                raise ScriptError(f"{text} after {seconds:g} s")
 
     def _say(self, text: str) -> None:
-        self._events.publish(String(data=text))
+        if self._events is not None:
+            self._events.publish(String(data=text))
         self.get_logger().info(f"{self._player.time:6.2f} s  {text}")
 
     def _write_report(self, path: Path) -> None:

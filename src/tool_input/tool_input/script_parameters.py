@@ -17,6 +17,15 @@ SPECS = (
         "what the procedure's seconds are: real ones, or the organ's own",
         choices=("wall", "simulation"),
     ),
+    Spec(
+        "listeners",
+        "integer",
+        1,
+        "how many must listen to each tool before it moves: the simulation, a recorder",
+        "",
+        1,
+        100,
+    ),
     Spec("start_timeout", "double", 120.0, "longest wait for the simulation", "s", 0.1, 3600.0),
     Spec("service_timeout", "double", 60.0, "longest wait for an answer", "s", 0.1, 3600.0),
     Spec("report", "string", "", "JSON file for the services' answers; empty: none"),
@@ -30,6 +39,7 @@ class ScriptParameters:
     procedure: str
     pose_hz: float
     clock: str
+    listeners: int
     start_timeout: float
     service_timeout: float
     report: str

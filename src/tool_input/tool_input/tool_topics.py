@@ -45,9 +45,9 @@ class ToolTopics:
         self._uses = node.create_publisher(Bool, f"tools/{tool}/use", qos.USE)
 
     @property
-    def matched(self) -> bool:
-        """Whether somebody listens to the poses and to the uses."""
-        return bool(self._poses.get_subscription_count() and self._uses.get_subscription_count())
+    def listeners(self) -> int:
+        """How many listen to both the poses and the uses."""
+        return min(self._poses.get_subscription_count(), self._uses.get_subscription_count())
 
     def pose(self, pose: Pose, stamp: Time | None = None) -> None:
         """Publish where the tool shall be, stamped now if no stamp is given."""
