@@ -20,12 +20,12 @@ from rich.table import Table
 
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
 from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
-from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
@@ -228,7 +228,7 @@ def hold_for(mesh: Mesh) -> NDArray[np.int32]:
     return np.flatnonzero(near).astype(np.int32)
 
 
-def _pull(model: SpringModel, state: State, held: NDArray[np.int32], seconds: float) -> float:
+def _pull(model: MeshModel, state: State, held: NDArray[np.int32], seconds: float) -> float:
     """Steps a second while the hold swings by a centimetre; at least three steps are done."""
     steps, begin = 0, time.perf_counter()
     while True:
@@ -241,7 +241,7 @@ def _pull(model: SpringModel, state: State, held: NDArray[np.int32], seconds: fl
         steps += 1
 
 
-def work_of(model: SpringModel, state: State) -> Work:
+def work_of(model: MeshModel, state: State) -> Work:
     """What a step of a model must do at least, as the state is now."""
     springs = model.springs
     if isinstance(model, QuasiStatic):

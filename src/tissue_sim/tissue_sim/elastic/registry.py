@@ -6,17 +6,17 @@ import numpy as np
 
 from tissue_sim.elastic.lingering import WIDEN_EVERY
 from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, Model, Parameter, State
 from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
-from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 
-MODELS: dict[str, type[SpringModel]] = {
+MODELS: dict[str, type[MeshModel]] = {
     model.name: model for model in (QuasiStatic, Relaxation, LocalRelaxation, SpringMass)
 }
 

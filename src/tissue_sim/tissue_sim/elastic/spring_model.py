@@ -1,78 +1,17 @@
-"""What the models on a spring network share."""
+"""What the models whose forces are those of springs share."""
 
 from __future__ import annotations
-
-from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.model import Material, Parameter, State
-from tissue_sim.elastic.springs import SpringNetwork
-from tissue_sim.geometry.edit import EditChange
-from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.elastic.mesh_model import MeshModel
+from tissue_sim.elastic.model import State
 from tissue_sim.kernels.springs import node_forces
 
 
-class SpringModel(ABC):
-    """Springs and their forces on nodes; the base of the models on a spring network.
-
-    Attributes:
-        mesh: The mesh that is simulated.
-        values: The model's parameters by name.
-        springs: The network, possibly shared with other models of the same mesh.
-    """
-
-    name: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
-    time_step: float | None = None
-    has_forces = True
-
-    def __init__(
-        self,
-        mesh: Mesh,
-        material: Material,
-        parameters: dict[str, float],
-        springs: SpringNetwork | None = None,
-    ) -> None:
-        """Build the model; `registry.build` checks the parameters first.
-
-        Args:
-            mesh: The mesh to simulate.
-            material: What it is made of.
-            parameters: Values by name; defaults for those left out.
-            springs: A network of this mesh and material to share.
-        """
-        self.mesh, self.material = mesh, material
-        defaults = {parameter.name: parameter.default for parameter in self.parameters}
-        self.values = defaults | parameters
-        self.springs = springs if springs is not None else SpringNetwork(mesh, material)
-
-    @property
-    def idle(self) -> bool:
-        """Whether a further step would change nothing; a model that cannot tell says no."""
-        return False
-
-    def scalar(self, value: float) -> np.floating:
-        """A number in the precision of the kernels."""
-        return self.springs.dtype(value)
-
-    @abstractmethod
-    def step(self, state: State) -> None:
-        """Advance by one sweep or time step. Modifies the state in place."""
-
-    @abstractmethod
-    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
-        """Holds were made, released or taken over; see `Model`."""
-
-    @abstractmethod
-    def topology_changed(self, change: EditChange, state: State) -> None:
-        """The mesh applied an edit and the state followed; see `Model`."""
-
-    @abstractmethod
-    def residual(self, state: State) -> float:
-        """Largest internal force on a free active node [N]; nan if it has no meaning."""
+class SpringModel(MeshModel):
+    """A model whose internal forces are those of its springs."""
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""
