@@ -285,7 +285,8 @@ def test_a_listener_that_stands_still_delays_nobody(
         # What was missed is passed over: the newest state counts.
         assert max(np.diff(frames)) > RATE
         assert len(frames) - heard < 2 * RATE
-        assert during < 1.5 * before + 1.0
+        # Frames of before this test listened may come all at once: then the nominal time counts.
+        assert during < 1.5 * max(before, 2.0) + 1.0
         assert_no_gap(seen.frames(epoch))
 
 
