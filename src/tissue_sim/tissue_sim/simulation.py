@@ -249,6 +249,8 @@ class Simulation:
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
+        self._events += self.model.events
+        self.model.events.clear()
         if emptied or self.holds.count != held:
             self._holds_changed()
         self._events += [

@@ -24,6 +24,8 @@ class MeshModel(ABC):
         material: What it is made of.
         values: The model's parameters by name.
         springs: The network, possibly shared with other models of the same mesh.
+        events: What people should know of what an edit did to the model; `Simulation` reports and
+            clears it.
     """
 
     name: ClassVar[str]
@@ -49,6 +51,7 @@ class MeshModel(ABC):
         self.mesh, self.material = mesh, material
         defaults = {parameter.name: parameter.default for parameter in self.parameters}
         self.values = defaults | parameters
+        self.events: list[str] = []
         self.springs = springs if springs is not None else SpringNetwork(mesh, material)
 
     @property

@@ -134,12 +134,15 @@ class Model(Protocol):
             as fit the frame.
         has_forces: Whether `forces` means newtons; models without stiffness publish no force on the
             tool.
+        events: What people should know of what an edit did to the model; `Simulation` reports and
+            clears it.
     """
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     time_step: float | None
     has_forces: bool
+    events: list[str]
 
     @property
     def idle(self) -> bool:

@@ -1,4 +1,4 @@
-"""Dynamic springs and masses, integrated by Verlet's method."""
+"""Dynamic springs and masses."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.integrators import (
+    INTEGRATOR,
+    NAMES,
+    VERLET,
+    RungeKutta,
+    stability_limit,
+)
+from tissue_sim.elastic.internal_forces import PARAMETERS, InternalForces
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.elastic.turning_back import TurningBack
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.integrators import Nodes, verlet_move
 from tissue_sim.kernels.springs import largest_force, verlet_step
 
 FRAME = 1.0 / 60.0
@@ -23,13 +33,14 @@ SAFETY = 0.8
 
 
 class SpringMass(SpringModel):
-    """x(t+h) = (2 - d) x(t) - (1 - d) x(t-h) + h^2 F/m for every node.
+    """m a = F - m (d / h) v for every node, integrated explicitly.
 
-    Stable while h^2 omega^2 < 4 - 2d for the fastest oscillation, for which omega^2 <= 2 max_i
+    By default with Verlet's method, x(t+h) = (2 - d) x(t) - (1 - d) x(t-h) + h^2 F/m. Stable while
+    h^2 omega^2 < `stability_limit` for the fastest oscillation, for which omega^2 <= 2 max_i
     (sum_j k_ij / m_i).
 
     Limitations: stiff small elements need very short time steps, unless mass is added to their
-    nodes; see docs/spring_mass.md.
+    nodes; home forces end with the first cut; see docs/spring_mass.md.
     """
 
     name: ClassVar[str] = "spring_mass"
@@ -45,6 +56,13 @@ class SpringMass(SpringModel):
             "0: such a time step is refused",
             integer=True,
         ),
+        INTEGRATOR,
+        Parameter(
+            "turn_back", 1, 0, 1, "",
+            "1: while nothing is held, elements that are inside out are turned back",
+            integer=True,
+        ),
+        *PARAMETERS,
     )  # fmt: skip
 
     def __init__(
@@ -54,17 +72,36 @@ class SpringMass(SpringModel):
         parameters: dict[str, float],
         springs: SpringNetwork | None = None,
     ) -> None:
+        """Build the model; see `MeshModel`.
+
+        Raises:
+            ValueError: The time step is not stable, no time step is, or the forces are not
+                possible.
+        """
         super().__init__(mesh, material, parameters, springs)
-        self._keep = self.scalar(1.0 - self.values["damping"])
-        last_bits = 4.0 * float(np.finfo(self.springs.dtype).eps)
-        self._sticks = self.scalar(last_bits if self.values["damping"] > 0.0 else 0.0)
-        self._stiffness = np.zeros(mesh.node_capacity)
-        self._rows = np.arange(mesh.node_capacity, dtype=np.uint32)
+        damping, dtype, capacity = self.values["damping"], self.springs.dtype, mesh.node_capacity
+        self.internal = InternalForces(self.springs, self.values)
+        self._integrator = int(self.values["integrator"])
+        self._limit = stability_limit(self._integrator, damping)
+        self._damping, self._keep = self.scalar(damping), self.scalar(1.0 - damping)
+        last_bits = 4.0 * float(np.finfo(dtype).eps)
+        self._sticks = self.scalar(last_bits if damping > 0.0 else 0.0)
+        self._stiffness = np.zeros(capacity)
+        self._rows = np.arange(capacity, dtype=np.uint32)
         rows = np.arange(mesh.node_rows, dtype=np.int32)
-        self._stiffness[rows] = self.springs.node_stiffness(rows)
+        self._stiffness[rows] = self.internal.stiffness(rows)
         self.time_step = self._step_time = self._choose_time_step()
-        self._scale = np.zeros(mesh.node_capacity, dtype=self.springs.dtype)
+        self._scale = np.zeros(capacity, dtype=dtype)
         self._weigh(rows)
+        # Linear springs under Verlet's method need neither.
+        self._plain = self.internal.plain and self._integrator == VERLET
+        self._forces = np.zeros((0 if self._plain else capacity, 3), dtype=dtype)
+        self._runge_kutta = (
+            None if self._integrator == VERLET else RungeKutta(self.internal, self._integrator)
+        )
+
+        self._turning_back = TurningBack(self.springs)
+        self._turns_back = False
 
     def longest_time_step(self) -> float:
         """The longest time step [s] that needs no added mass."""
@@ -72,16 +109,23 @@ class SpringMass(SpringModel):
         if not free.any():
             return FRAME
         fastest = 2.0 * float((self._stiffness[free] / self.springs.masses[free]).max())
-        return math.sqrt((4.0 - 2.0 * self.values["damping"]) / fastest) * SAFETY
+        return math.sqrt(self._limit / fastest) * SAFETY
 
     def _choose_time_step(self) -> float:
+        if self._limit <= 0.0:
+            raise ValueError(
+                f"damping = 0 is not stable with integrator = {self._integrator} "
+                f"({NAMES[self._integrator]}), whatever the time step; "
+                "allowed: more than 0, up to 0.9"
+            )
         longest, wanted = self.longest_time_step(), self.values["time_step"]
         if wanted == 0.0:
             return FRAME / math.ceil(FRAME / longest)
         if wanted > longest and not self.values["mass_scaling"]:
             raise ValueError(
-                f"time_step = {wanted:g} s is not stable on this mesh and material; allowed: up to "
-                f"{longest:.3g} s, or 0 to choose it, or mass_scaling = 1"
+                f"time_step = {wanted:g} s is not stable on this mesh and material with "
+                f"{NAMES[self._integrator]} and damping = {self.values['damping']:g}; allowed: "
+                f"up to {longest:.3g} s, or 0 to choose it, or mass_scaling = 1"
             )
         return wanted
 
@@ -89,7 +133,7 @@ class SpringMass(SpringModel):
         """h^2/m of nodes, with the mass that stability needs where theirs is less."""
         stiffness, masses = self._stiffness[nodes], self.springs.masses[nodes]
         enough = (self._step_time / SAFETY) ** 2 * 2.0 * stiffness
-        enough /= 4.0 - 2.0 * self.values["damping"]
+        enough /= self._limit
         masses = np.maximum(masses, enough)
         used = stiffness > 0
         self._scale[nodes] = np.divide(
@@ -104,29 +148,69 @@ class SpringMass(SpringModel):
 
     def step(self, state: State) -> None:
         """One time step. Modifies the state in place."""
-        verlet_step(
-            self.mesh.node_rows, self.springs.arrays, state.prescribed, self._scale, self._keep,
-            self._sticks, self.springs.tiny, state.displacement, state.previous,
-        )  # fmt: skip
+        if self._turns_back:
+            self._turning_back.look(state)
+        springs, rows = self.springs, self.mesh.node_rows
+        if self._plain:
+            verlet_step(
+                rows, springs.arrays, state.prescribed, self._scale, self._keep,
+                self._sticks, springs.tiny, state.displacement, state.previous,
+            )  # fmt: skip
+            return
+        nodes = Nodes(
+            rows, springs.arrays.degree, state.prescribed, self._scale, self._damping, springs.tiny
+        )
+        if self._runge_kutta:
+            self._runge_kutta.step(nodes, state, self._forces)
+            return
+        self.internal.evaluate(state.displacement, self._forces)
+        verlet_move(nodes, self._sticks, self._forces, state.displacement, state.previous)
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
-        """Nothing to do: a prescribed node has no velocity to fall out of step."""
+        """Follow what was done to velocities; a prescribed node has none to fall out of step."""
+        self._turns_back = bool(self.values["turn_back"]) and not len(held)
+        if self._runge_kutta:
+            self._runge_kutta.prescribed_changed(state)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
-        """Follow an edit in time proportional to it."""
+        """Follow an edit in time proportional to it; home forces end."""
         self.springs.follow(change)
-        extra = self.mesh.node_capacity - len(self._scale)
-        if extra > 0:
-            self._scale = np.concatenate([self._scale, np.zeros(extra, self._scale.dtype)])
-            self._stiffness = np.concatenate([self._stiffness, np.zeros(extra)])
-            self._rows = np.arange(self.mesh.node_capacity, dtype=np.uint32)
-        self._stiffness[change.nodes] = self.springs.node_stiffness(change.nodes)
+        self._grow(self.mesh.node_capacity)
+        news = self.internal.follow(change)
+        if news:
+            self.events.append(news)
+        self._stiffness[change.nodes] = self.internal.stiffness(change.nodes)
         self._weigh(change.nodes)
+
+    def _grow(self, capacity: int) -> None:
+        extra = capacity - len(self._scale)
+        if extra <= 0:
+            return
+        self._scale = np.concatenate([self._scale, np.zeros(extra, self._scale.dtype)])
+        self._stiffness = np.concatenate([self._stiffness, np.zeros(extra)])
+        self._rows = np.arange(capacity, dtype=np.uint32)
+        if not self._plain:
+            self._forces = np.zeros((capacity, 3), dtype=self._forces.dtype)
+        if self._runge_kutta:
+            self._runge_kutta.grow(capacity)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free node [N]."""
+        if not self.internal.plain:
+            F = self._all_forces(state)
+            return self.internal.largest(F, state.prescribed)
         force, _ = largest_force(
             self._rows, 0, self.mesh.node_rows, self.springs.arrays, state.prescribed,
             state.displacement, self.springs.tiny,
         )  # fmt: skip
         return math.sqrt(force)
+
+    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Internal elastic forces on nodes [N], shape (len(rows), 3)."""
+        if self.internal.plain:
+            return super().forces(state, rows)
+        return self._all_forces(state)[rows].astype(np.float64)
+
+    def _all_forces(self, state: State) -> NDArray[np.floating]:
+        self.internal.evaluate(state.displacement, self._forces)
+        return self._forces

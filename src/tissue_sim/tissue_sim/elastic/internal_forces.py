@@ -1,0 +1,128 @@
+"""What pulls at the nodes of a mesh of springs: the springs' law, their home, their volume."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.model import Parameter
+from tissue_sim.elastic.spring_laws import PARAMETERS as LAW_PARAMETERS
+from tissue_sim.elastic.spring_laws import spring_law
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.spring_laws import add_home_forces, largest_free, law_forces
+from tissue_sim.kernels.volume_forces import Volumes, add_volume_forces, volume_stiffness
+
+RESERVE = 2.0
+"""Growth of the squared face areas of an element up to which its volume is kept at full force."""
+
+PARAMETERS = (
+    *LAW_PARAMETERS,
+    Parameter(
+        "volume_stiffness", 0.0, 0.0, 1e12, "Pa",
+        "pressure of tetrahedra per relative change of their volume; 0: none",
+    ),
+    Parameter(
+        "home_stiffness", 0.0, 0.0, 1e15, "N/m^4",
+        "stiffness of springs to the rest positions per volume of tissue; 0: none; it ends with "
+        "the first cut",
+    ),
+)  # fmt: skip
+
+
+def was_cut(mesh: Mesh) -> bool:
+    """Whether an edit has changed a mesh in this session, or one has split it before it was saved.
+
+    Nodes that edits make have no id in a file.
+    """
+    made = mesh.node_alive & (mesh.node_file_ids < 0)
+    return mesh.version > 1 or bool(made[: mesh.node_rows].any())
+
+
+class InternalForces:
+    """Forces of springs by their law, of tetrahedra against changes of volume and towards home.
+
+    Attributes:
+        law: The springs' law.
+        volume: Modulus of the tetrahedra [Pa].
+        home: Stiffness of the springs to the rest positions [N/m^4].
+        plain: Whether all there is are linear springs, for which `kernels.springs` is quicker.
+    """
+
+    def __init__(self, springs: SpringNetwork, values: dict[str, float]) -> None:
+        """Prepare the forces that parameters describe.
+
+        Raises:
+            ValueError: A law of negative stiffness, or home forces in tissue that has been cut.
+        """
+        self.springs, self.mesh = springs, springs.mesh
+        self.law = spring_law(values)
+        self.volume, self.home = values["volume_stiffness"], values["home_stiffness"]
+        if self.home and was_cut(self.mesh):
+            raise ValueError(
+                f"home_stiffness = {self.home:g} N/m^4 is not possible: the tissue has been cut, "
+                "and home forces would pull the cut shut; allowed: 0"
+            )
+        self.plain = self.law.linear and not self.volume and not self.home
+        self._law = self.law.for_kernels(springs.dtype)
+        numbers = (self.volume, RESERVE, 1.0, 1.0 / 6.0)
+        self._volumes = Volumes(*(springs.dtype(number) for number in numbers))
+        self._home = np.zeros(0, dtype=springs.dtype)
+        if self.home:
+            self._home = self._home_stiffness().astype(springs.dtype)
+
+    def _home_stiffness(self) -> NDArray[np.float64]:
+        """Stiffness of each node's spring to its rest position [N/m], shape (node_capacity,)."""
+        masses: NDArray[np.float64] = self.springs.masses
+        return self.home / self.springs.material.density * masses
+
+    def evaluate(self, u: NDArray[np.floating], F: NDArray[np.floating]) -> None:
+        """Forces on all nodes [N], held ones as well. Writes `F`, shape (node_capacity, 3)."""
+        springs, mesh = self.springs, self.mesh
+        arrays = springs.arrays
+        law_forces(mesh.node_rows, arrays, self._law, springs.tiny, u, F)
+        if self.volume:
+            add_volume_forces(
+                mesh.element_rows, mesh.tets, mesh.element_alive, arrays.rest, self._volumes, u, F
+            )
+        if self.home:
+            add_home_forces(mesh.node_rows, self._home, u, F)
+
+    def largest(self, F: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> float:
+        """Largest of the forces `F` on a free node [N]."""
+        return math.sqrt(largest_free(self.mesh.node_rows, self.springs.arrays, prescribed, F))
+
+    def stiffness(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Half a bound of the row sums of the tangent stiffness [N/m], shape (len(nodes),).
+
+        For linear springs it is the sum of their stiffnesses at each node. Twice the largest of it
+        over the node's mass bounds the squared angular frequency of every oscillation.
+        """
+        half = self.springs.node_stiffness(nodes)
+        if self.plain:
+            return half
+        half *= self.law.slopes()[1]
+        if self.volume:
+            sums = np.zeros(self.mesh.node_capacity)
+            volume_stiffness(nodes, self.springs.elements, self.mesh.rest, sums)
+            half += 0.5 * self.volume * RESERVE * sums[nodes]
+        if self.home:
+            half += 0.5 * self._home_stiffness()[nodes]
+        return half
+
+    def follow(self, change: EditChange) -> str:
+        """Follow an edit, after the springs have: a cut ends the home forces.
+
+        Returns:
+            What people should know; empty if nothing.
+        """
+        if not self.home:
+            return ""
+        self.home = 0.0
+        return (
+            "home forces are switched off: they would pull the cut shut "
+            f"(version {change.edit.version})"
+        )
