@@ -17,7 +17,7 @@ ALL = registry.names()
 
 
 def test_the_models_are_there_and_follow_the_protocol() -> None:
-    assert ALL == ["lr", "quasi_static", "relaxation", "spring_mass"]
+    assert ALL == ["lr", "quasi_static", "relaxation", "spring_mass", "vertex_block_descent"]
     for name in ALL:
         assert isinstance(registry.build(name, block_mesh(3), MATERIAL), Model)
 

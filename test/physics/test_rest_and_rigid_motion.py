@@ -61,7 +61,9 @@ def test_a_turned_organ_has_no_force(name: str, angle: float) -> None:
     assert np.abs(model.forces(state, rows)).max() < 1e-11 * scale
 
 
-@pytest.mark.parametrize("name", ["quasi_static", "lr", "relaxation", "spring_mass"])
+@pytest.mark.parametrize(
+    "name", ["quasi_static", "lr", "relaxation", "spring_mass", "vertex_block_descent"]
+)
 def test_a_turned_organ_stays_turned_in_single_precision(name: str) -> None:
     mesh = block_mesh(5, fixed=False)
     model, state = build(name, mesh)

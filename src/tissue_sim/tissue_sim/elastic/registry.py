@@ -12,12 +12,14 @@ from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 
 MODELS: dict[str, type[MeshModel]] = {
-    model.name: model for model in (QuasiStatic, Relaxation, LocalRelaxation, SpringMass)
+    model.name: model
+    for model in (QuasiStatic, Relaxation, LocalRelaxation, SpringMass, VertexBlockDescent)
 }
 
 

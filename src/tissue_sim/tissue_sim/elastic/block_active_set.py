@@ -1,0 +1,141 @@
+"""The active set of vertex block descent: the same nodes, swept by 3x3 Newton steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.active_set import ActiveSet
+from tissue_sim.elastic.block_problem import BlockProblem
+from tissue_sim.elastic.lingering import Lingering
+from tissue_sim.elastic.model import State
+from tissue_sim.elastic.ordering import NodeOrdering
+from tissue_sim.geometry.edit import EditChange
+
+UNFOLD_WITHIN = 200
+"""Sweeps after a change of holds or an edit in which crushed and inverted elements are unfolded."""
+
+
+class Pace:
+    """How the nodes of one list move: with momentum, and unfolding at first.
+
+    Polyak's heavy ball with restarts: when a sweep moves nodes against what they have just
+    repeated, the momentum has carried them too far, and the next sweep repeats nothing.
+
+    Attributes:
+        share: Share of its last move that every node repeats.
+
+    References:
+        B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes, Foundations of
+        Computational Mathematics 15, 2015, doi 10.1007/s10208-013-9150-3.
+    """
+
+    def __init__(self, share: np.floating) -> None:
+        self._full, self._none = share, share - share
+        self.share = share
+        self._to_unfold = UNFOLD_WITHIN
+
+    @property
+    def unfolding(self) -> bool:
+        """Whether nodes of crushed and inverted elements follow their neighbours."""
+        return self._to_unfold > 0
+
+    def begin(self) -> None:
+        """Unfold from now on for a while."""
+        self._to_unfold = UNFOLD_WITHIN
+
+    def judge(self, along: float, through: bool = True) -> None:
+        """Go on after a sweep.
+
+        Args:
+            along: New moves times the repeated ones [m^2].
+            through: Whether the sweep has reached the end of the list.
+        """
+        self.share = self._full if along >= 0.0 else self._none
+        self._to_unfold -= through and self.unfolding
+
+
+class BlockLingering(Lingering):
+    """Nodes outside the region that vertex block descent sweeps until they rest.
+
+    No node has to be turned back: the energy does that by itself.
+    """
+
+    def __init__(self, problem: BlockProblem, momentum: float) -> None:
+        super().__init__(problem.springs, momentum, joins=False)
+        self.problem, self.pace = problem, Pace(problem.springs.dtype(momentum))
+        self._last_move = problem.last_move
+
+    def grow(self, extra: int) -> None:
+        """Make place for more nodes; the problem has grown before."""
+        super().grow(extra)
+        self._last_move = self.problem.last_move
+
+    def sweep(self, state: State, order: NodeOrdering, begin: int, step: np.floating) -> float:
+        """One sweep; see `Lingering.sweep`. Modifies the state in place."""
+        begin, end = self._next_part()
+        moved, along = self.problem.sweep(
+            state, self.nodes, begin, end, self.pace.share, self.pace.unfolding
+        )
+        self.pace.judge(along, through=end == self.count)
+        self._farthest = max(self._farthest, moved)
+        if end < self.count:
+            return float(np.inf)
+        moved, self._farthest = self._farthest, 0.0
+        return moved
+
+
+class BlockActiveSet(ActiveSet):
+    """The nodes that vertex block descent visits.
+
+    Attributes:
+        moved: Largest squared distance a node of the region moved in the last sweep [m^2].
+    """
+
+    def __init__(
+        self, problem: BlockProblem, levels: int, rest_tolerance: float, momentum: float
+    ) -> None:
+        """Start with nothing active.
+
+        Args:
+            problem: What is minimised.
+            levels: Cut-off level.
+            rest_tolerance: Largest move in one sweep [m] that counts as rest.
+            momentum: Share of its last move that a node repeats.
+        """
+        super().__init__(problem.springs, levels, rest_tolerance)
+        self.problem, self.pace = problem, Pace(problem.springs.dtype(momentum))
+        self.lingering = self._slow = BlockLingering(problem, momentum)
+        self.moved = 0.0
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last sweep moved nothing and nothing lingers."""
+        return not self.lingering.count and (not self.end or self.moved <= self._tolerance)
+
+    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
+        """Order the nodes anew from the held ones; any of them may have to move."""
+        self.problem.wake(state)
+        self.problem.last_move[state.prescribed] = 0
+        self._begin()
+        super().prescribed_changed(state, held)
+
+    def follow(self, change: EditChange, state: State) -> None:
+        """Follow an edit that the problem has followed."""
+        self._begin()
+        super().follow(change, state)
+
+    def _begin(self) -> None:
+        self.moved = np.inf
+        self.pace.begin()
+        self._slow.pace.begin()
+
+    def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
+        self.moved, along = self.problem.sweep(
+            state, self.ordering.nodes, begin, end, self.pace.share, self.pace.unfolding
+        )
+        self.pace.judge(along)
+        return self.moved
+
+    def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
+        return self.problem.largest(state, nodes, end)

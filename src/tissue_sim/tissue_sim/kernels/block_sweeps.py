@@ -1,0 +1,291 @@
+"""Loops of vertex block descent: sweeps, forces and energy."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tissue_sim.kernels.neo_hookean import Constants, node_response
+from tissue_sim.kernels.springs import FAST, SpringArrays
+from tissue_sim.kernels.vertex_blocks import VertexBlocks
+from tissue_sim.kernels.vertex_descent import (
+    Inertia,
+    _energy,
+    gather,
+    minimise_at,
+    solve,
+    unfold_at,
+)
+
+
+class Problem(NamedTuple):
+    """What is minimised.
+
+    Attributes:
+        blocks: Elements by node.
+        springs: Which nodes are neighbours.
+        inertia: Inertia; zero in statics.
+        material: Constants in the kernels' precision.
+        exact: The same in double precision.
+        w: Scratch in the kernels' precision, nine times the most lanes of a node.
+        exact_w: Scratch in double precision.
+    """
+
+    blocks: VertexBlocks
+    springs: SpringArrays
+    inertia: Inertia
+    material: Constants
+    exact: Constants
+    w: NDArray[np.floating]
+    exact_w: NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """What a sweep changes.
+
+    Attributes:
+        u: Displacements [m], shape (node_capacity, 3).
+        prescribed: Nodes that do not move, shape (node_capacity,).
+        last_move: Last move of each node [m], shape (node_capacity, 3).
+        seen: Where each prescribed node was last seen [m], shape (node_capacity, 3).
+        awake: Whether a node may have to move, shape (node_capacity,).
+    """
+
+    u: NDArray[np.floating]
+    prescribed: NDArray[np.bool_]
+    last_move: NDArray[np.floating]
+    seen: NDArray[np.floating]
+    awake: NDArray[np.bool_]
+
+
+class Controls(NamedTuple):
+    """How far nodes go, in the kernels' precision.
+
+    Attributes:
+        step: Share of Newton's step, below 2.
+        tolerance: Largest squared move that counts as rest [m^2].
+        trusted: A step d against a force F is known to lower the energy if
+            third |d|^3 <= trusted F . d.
+        crushed: Share of `VertexBlocks.shear` that a node's stiffness has at least [Pa], unless its
+            elements are crushed.
+        singular: Smallest det K / tr^3 K that is inverted.
+        folded: An element with less than this j is crushed or inverted.
+    """
+
+    step: np.floating
+    tolerance: np.floating
+    trusted: np.floating
+    crushed: np.floating
+    singular: np.floating
+    folded: np.floating
+
+
+@njit(inline="always")
+def _wake_neighbours(i, springs, awake):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    begin = springs.start[i]
+    for place in range(begin, begin + springs.degree[i]):
+        awake[springs.neighbour[place]] = True
+
+
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def _node(i, problem, u):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Force on a node and its Hessian, those of inertia included, and the least j."""
+    blocks, inertia = problem.blocks, problem.inertia
+    lanes, at = blocks.lanes[i], blocks.start[i]
+    three = at + at + at
+    gather(lanes, three, blocks.corners, u, i, problem.w)
+    F0, F1, F2, K00, K01, K02, K11, K12, K22, least = node_response(
+        lanes, three + three + three + at, blocks.gradients, problem.w, problem.material
+    )
+    m, y = inertia.factor[i], inertia.target
+    F0 += m * (y[i, 0] - u[i, 0])
+    F1 += m * (y[i, 1] - u[i, 1])
+    F2 += m * (y[i, 2] - u[i, 2])
+    return F0, F1, F2, K00 + m, K01, K02, K11 + m, K12, K22 + m, least
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def repeat_moves(
+    nodes: NDArray[np.uint32], begin: int, end: int, share: np.floating, tiny: np.floating,
+    motion: Motion,
+) -> None:  # fmt: skip
+    """Every node of nodes[begin:end] repeats a share of its last move. Modifies `motion` in place.
+
+    All move before any force is computed: a node that went ahead alone would be pulled back by
+    neighbours that have yet to follow.
+    """
+    u, last_move = motion.u, motion.last_move
+    for place in range(begin, end):
+        i = nodes[place]
+        if motion.prescribed[i] or not motion.awake[i]:
+            continue
+        for axis in range(3):
+            move = share * last_move[i, axis]
+            # Denormal numbers are slow.
+            last_move[i, axis] = move if move * move > tiny else tiny - tiny
+            u[i, axis] += last_move[i, axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def sweep_blocks(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    problem: Problem,
+    controls: Controls,
+    unfolding: bool,
+    motion: Motion,
+) -> tuple[np.floating, np.floating, int]:
+    """One Gauss-Seidel sweep of 3x3 Newton steps over nodes[begin:end]. Modifies `motion` in place.
+
+    Along a step d = step K^-1 F the node's energy changes by at most -(1 - step/2) F.d + L |d|^3/6,
+    L = 3/2 mu sum V |g|^3 being a bound of its third derivative (docs/vertex_block_descent.md).
+    Where that is not negative, or the elements are crushed so that K says little, the node's
+    energy is minimised with care instead: no node's step raises it.
+
+    Returns:
+        Largest squared distance a node moved, repeated moves included [m^2]; sum of the new moves
+        times the repeated ones [m^2]; nodes that needed care.
+    """
+    u, prescribed, last_move, seen, awake = motion
+    blocks = problem.blocks
+    zero = problem.material.tiny - problem.material.tiny
+    largest = along = zero
+    careful = 0
+    for place in range(begin, end):
+        i = nodes[place]
+        if prescribed[i]:
+            if seen[i, 0] != u[i, 0] or seen[i, 1] != u[i, 1] or seen[i, 2] != u[i, 2]:
+                seen[i, 0], seen[i, 1], seen[i, 2] = u[i, 0], u[i, 1], u[i, 2]
+                _wake_neighbours(i, problem.springs, awake)
+            continue
+        if not awake[i] or blocks.lanes[i] == 0:
+            continue
+        F0, F1, F2, K00, K01, K02, K11, K12, K22, least = _node(i, problem, u)
+        d0, d1, d2, regular = solve(F0, F1, F2, K00, K01, K02, K11, K12, K22, zero)
+        d0, d1, d2 = controls.step * d0, controls.step * d1, controls.step * d2
+        squared = d0 * d0 + d1 * d1 + d2 * d2
+        stiff = controls.crushed * blocks.shear[i] < K00 + K11 + K22
+        stiff = stiff and regular > controls.singular
+        lowers = blocks.third[i] * squared * np.sqrt(squared) <= controls.trusted * (
+            F0 * d0 + F1 * d1 + F2 * d2
+        )
+        if unfolding and least < controls.folded:
+            e0, e1, e2 = unfold_at(i, blocks, u, problem.exact_w)
+            d0, d1, d2 = zero + e0, zero + e1, zero + e2
+            careful += 1
+        elif not stiff or (squared > controls.tolerance and not lowers):
+            e0, e1, e2 = minimise_at(i, blocks, u, problem.inertia, problem.exact, problem.exact_w)
+            d0, d1, d2 = zero + e0, zero + e1, zero + e2
+            careful += 1
+        v0, v1, v2 = last_move[i, 0], last_move[i, 1], last_move[i, 2]
+        # Below 1e-15 m nothing moves: the front of a disturbance would fill with denormal numbers,
+        # which are slow.
+        if d0 * d0 + d1 * d1 + d2 * d2 > problem.material.tiny:
+            along += d0 * v0 + d1 * v1 + d2 * v2
+            u[i, 0] += d0
+            u[i, 1] += d1
+            u[i, 2] += d2
+            v0, v1, v2 = v0 + d0, v1 + d1, v2 + d2
+        squared = v0 * v0 + v1 * v1 + v2 * v2
+        largest = max(largest, squared)
+        if squared > controls.tolerance:
+            _wake_neighbours(i, problem.springs, awake)
+        else:
+            awake[i] = False
+            v0 = v1 = v2 = zero
+        last_move[i, 0], last_move[i, 1], last_move[i, 2] = v0, v1, v2
+    return largest, along, careful
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def block_forces(
+    nodes: NDArray[np.int32], problem: Problem, u: NDArray[np.floating], out: NDArray[np.float64]
+) -> None:
+    """Internal elastic forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
+    blocks = problem.blocks
+    for place in range(len(nodes)):
+        i = nodes[place]
+        lanes, at = blocks.lanes[i], blocks.start[i]
+        three = at + at + at
+        gather(lanes, three, blocks.corners, u, i, problem.w)
+        F = node_response(
+            lanes, three + three + three + at, blocks.gradients, problem.w, problem.material
+        )
+        out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def largest_block_force(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    problem: Problem,
+    prescribed: NDArray[np.bool_],
+    u: NDArray[np.floating],
+) -> tuple[np.floating, np.floating]:
+    """Largest squared F_i [N^2] and squared 3 F_i / tr K_i [m^2] of free nodes in nodes[begin:end].
+
+    Forces are those of the energy that is minimised, inertia included.
+    """
+    zero = problem.material.tiny - problem.material.tiny
+    largest = largest_step = zero
+    three = problem.material.four - problem.material.one
+    for place in range(begin, end):
+        i = nodes[place]
+        if not prescribed[i] and problem.blocks.lanes[i] > 0:
+            F0, F1, F2, K00, _, _, K11, _, K22, _ = _node(i, problem, u)
+            squared = F0 * F0 + F1 * F1 + F2 * F2
+            largest = max(largest, squared)
+            if squared > zero:
+                stiffness = (K00 + K11 + K22) / three
+                largest_step = max(largest_step, squared / (stiffness * stiffness))
+    return largest, largest_step
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def total_energy(rows: int, problem: Problem, u: NDArray[np.floating]) -> float:
+    """Elastic energy of all elements [J]: a quarter of the sum over nodes of their elements."""
+    blocks, total = problem.blocks, 0.0
+    for i in range(rows):
+        lanes, start = np.int64(blocks.lanes[i]), np.int64(blocks.start[i])
+        gather(lanes, 3 * start, blocks.corners, u, i, problem.exact_w)
+        total += _energy(
+            lanes, 10 * start, blocks.gradients, problem.exact_w, 0.0, 0.0, 0.0, problem.exact
+        )
+    return total / 4.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def begin_time_step(
+    rows: int,
+    problem: Problem,
+    keep: np.floating,
+    tolerance: np.floating,
+    motion: Motion,
+    previous: NDArray[np.floating],
+) -> None:
+    """Put every free node where it goes without forces: u + keep (u - previous).
+
+    Modifies `motion`, `previous` (which becomes the present displacement) and the target of
+    `problem.inertia` in place. Moves of no more than the squared distance `tolerance` end there:
+    rounding would keep them for ever. A prescribed node gets no velocity.
+    """
+    u, target = motion.u, problem.inertia.target
+    for i in range(rows):
+        v0 = keep * (u[i, 0] - previous[i, 0])
+        v1 = keep * (u[i, 1] - previous[i, 1])
+        v2 = keep * (u[i, 2] - previous[i, 2])
+        previous[i, 0], previous[i, 1], previous[i, 2] = u[i, 0], u[i, 1], u[i, 2]
+        if not motion.prescribed[i] and v0 * v0 + v1 * v1 + v2 * v2 > tolerance:
+            u[i, 0] += v0
+            u[i, 1] += v1
+            u[i, 2] += v2
+            motion.awake[i] = True
+            _wake_neighbours(i, problem.springs, motion.awake)
+        target[i, 0], target[i, 1], target[i, 2] = u[i, 0], u[i, 1], u[i, 2]
+        for axis in range(3):
+            motion.last_move[i, axis] = keep - keep
