@@ -13,13 +13,24 @@ from tissue_sim.elastic.spring_laws import spring_law
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.inverted import add_turning_forces, list_inverted
 from tissue_sim.kernels.spring_laws import add_home_forces, largest_free, law_forces
 from tissue_sim.kernels.volume_forces import Volumes, add_volume_forces, volume_stiffness
 
 RESERVE = 2.0
 """Growth of the squared face areas of an element up to which its volume is kept at full force."""
 
+WITHIN = 64
+"""Steps within which every element is looked at once for inversion."""
+
+RAMP = 0.25
+"""Share of inversion from which inverted elements have the full pressure."""
+
 PARAMETERS = (
+    Parameter(
+        "turning_pressure", 0.2, 0.0, 1.0, "",
+        "pressure over Young's modulus that turns elements back which are inside out; 0: none",
+    ),
     *LAW_PARAMETERS,
     Parameter(
         "volume_stiffness", 0.0, 0.0, 1e12, "Pa",
@@ -49,7 +60,8 @@ class InternalForces:
         law: The springs' law.
         volume: Modulus of the tetrahedra [Pa].
         home: Stiffness of the springs to the rest positions [N/m^4].
-        plain: Whether all there is are linear springs, for which `kernels.springs` is quicker.
+        linear: Whether springs are linear and nothing else is configured.
+        inverted: How many elements are known to be inside out.
     """
 
     def __init__(self, springs: SpringNetwork, values: dict[str, float]) -> None:
@@ -66,13 +78,37 @@ class InternalForces:
                 f"home_stiffness = {self.home:g} N/m^4 is not possible: the tissue has been cut, "
                 "and home forces would pull the cut shut; allowed: 0"
             )
-        self.plain = self.law.linear and not self.volume and not self.home
+        self.linear = self.law.linear and not self.volume and not self.home
         self._law = self.law.for_kernels(springs.dtype)
         numbers = (self.volume, RESERVE, 1.0, 1.0 / 6.0)
         self._volumes = Volumes(*(springs.dtype(number) for number in numbers))
+        turning = values["turning_pressure"] * springs.material.young_modulus
+        self._turns, self._turning = turning > 0.0, springs.dtype(turning / 6.0)
+        self.inverted = self._part = 0
+        self._list = np.zeros(self.mesh.element_capacity, dtype=np.int32)
+        self._listed = np.zeros(self.mesh.element_capacity, dtype=np.bool_)
         self._home = np.zeros(0, dtype=springs.dtype)
         if self.home:
             self._home = self._home_stiffness().astype(springs.dtype)
+
+    @property
+    def plain(self) -> bool:
+        """Whether all there is now are linear springs, for which `kernels.springs` is quicker."""
+        return self.linear and not self.inverted
+
+    def look(self, u: NDArray[np.floating]) -> None:
+        """Look for inverted elements in the next part of the mesh; once before every step."""
+        if not self._turns:
+            return
+        mesh = self.mesh
+        most = mesh.element_rows // WITHIN + 1
+        begin = self._part * most
+        self._part = (self._part + 1) % WITHIN
+        self.inverted = list_inverted(
+            begin, min(begin + most, mesh.element_rows), mesh.tets, mesh.element_alive,
+            self.springs.elements.volumes, self.springs.arrays.rest, u, self._listed, self._list,
+            self.inverted,
+        )  # fmt: skip
 
     def _home_stiffness(self) -> NDArray[np.float64]:
         """Stiffness of each node's spring to its rest position [N/m], shape (node_capacity,)."""
@@ -88,6 +124,18 @@ class InternalForces:
             add_volume_forces(
                 mesh.element_rows, mesh.tets, mesh.element_alive, arrays.rest, self._volumes, u, F
             )
+        if self.inverted:
+            add_turning_forces(
+                self._list,
+                self.inverted,
+                mesh.tets,
+                springs.elements.volumes,
+                arrays.rest,
+                self._turning,
+                RAMP,
+                u,
+                F,
+            )
         if self.home:
             add_home_forces(mesh.node_rows, self._home, u, F)
 
@@ -102,7 +150,7 @@ class InternalForces:
         over the node's mass bounds the squared angular frequency of every oscillation.
         """
         half = self.springs.node_stiffness(nodes)
-        if self.plain:
+        if self.linear:
             return half
         half *= self.law.slopes()[1]
         if self.volume:
@@ -119,6 +167,10 @@ class InternalForces:
         Returns:
             What people should know; empty if nothing.
         """
+        extra = self.mesh.element_capacity - len(self._list)
+        if extra > 0:
+            self._list = np.concatenate([self._list, np.zeros(extra, dtype=np.int32)])
+            self._listed = np.concatenate([self._listed, np.zeros(extra, dtype=np.bool_)])
         if not self.home:
             return ""
         self.home = 0.0

@@ -19,7 +19,6 @@ from tissue_sim.elastic.internal_forces import PARAMETERS, InternalForces
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
-from tissue_sim.elastic.turning_back import TurningBack
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.integrators import Nodes, verlet_move
@@ -57,11 +56,6 @@ class SpringMass(SpringModel):
             integer=True,
         ),
         INTEGRATOR,
-        Parameter(
-            "turn_back", 1, 0, 1, "",
-            "1: while nothing is held, elements that are inside out are turned back",
-            integer=True,
-        ),
         *PARAMETERS,
     )  # fmt: skip
 
@@ -93,15 +87,10 @@ class SpringMass(SpringModel):
         self.time_step = self._step_time = self._choose_time_step()
         self._scale = np.zeros(capacity, dtype=dtype)
         self._weigh(rows)
-        # Linear springs under Verlet's method need neither.
-        self._plain = self.internal.plain and self._integrator == VERLET
-        self._forces = np.zeros((0 if self._plain else capacity, 3), dtype=dtype)
+        self._forces = np.zeros((capacity, 3), dtype=dtype)
         self._runge_kutta = (
             None if self._integrator == VERLET else RungeKutta(self.internal, self._integrator)
         )
-
-        self._turning_back = TurningBack(self.springs)
-        self._turns_back = False
 
     def longest_time_step(self) -> float:
         """The longest time step [s] that needs no added mass."""
@@ -148,10 +137,9 @@ class SpringMass(SpringModel):
 
     def step(self, state: State) -> None:
         """One time step. Modifies the state in place."""
-        if self._turns_back:
-            self._turning_back.look(state)
+        self.internal.look(state.displacement)
         springs, rows = self.springs, self.mesh.node_rows
-        if self._plain:
+        if self.internal.plain and self._integrator == VERLET:
             verlet_step(
                 rows, springs.arrays, state.prescribed, self._scale, self._keep,
                 self._sticks, springs.tiny, state.displacement, state.previous,
@@ -168,7 +156,6 @@ class SpringMass(SpringModel):
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Follow what was done to velocities; a prescribed node has none to fall out of step."""
-        self._turns_back = bool(self.values["turn_back"]) and not len(held)
         if self._runge_kutta:
             self._runge_kutta.prescribed_changed(state)
 
@@ -189,8 +176,7 @@ class SpringMass(SpringModel):
         self._scale = np.concatenate([self._scale, np.zeros(extra, self._scale.dtype)])
         self._stiffness = np.concatenate([self._stiffness, np.zeros(extra)])
         self._rows = np.arange(capacity, dtype=np.uint32)
-        if not self._plain:
-            self._forces = np.zeros((capacity, 3), dtype=self._forces.dtype)
+        self._forces = np.zeros((capacity, 3), dtype=self._forces.dtype)
         if self._runge_kutta:
             self._runge_kutta.grow(capacity)
 
