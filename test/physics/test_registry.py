@@ -17,7 +17,8 @@ ALL = registry.names()
 
 
 def test_the_models_are_there_and_follow_the_protocol() -> None:
-    assert ALL == ["lr", "quasi_static", "relaxation", "spring_mass", "vertex_block_descent"]
+    expected = {"chain_mail", "finite_element", "lr", "quasi_static", "relaxation", "spring_mass"}
+    assert expected <= set(ALL)
     for name in ALL:
         assert isinstance(registry.build(name, block_mesh(3), MATERIAL), Model)
 
@@ -25,7 +26,7 @@ def test_the_models_are_there_and_follow_the_protocol() -> None:
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [
-        ("finite", {}, "there is no model 'finite'; allowed: lr, quasi_static, relaxation, spring"),
+        ("finite", {}, "there is no model 'finite'; allowed: .*lr, quasi_static"),
         ("lr", {"levles": 4.0}, "no parameter 'levles'; allowed: step, levels, .*, linear_factor"),
         ("lr", {"levels": 0.0}, "levels = 0 is out of range; allowed: 1 to 10000"),
         ("lr", {"levels": 2.5}, "levels = 2.5 must be a whole number"),

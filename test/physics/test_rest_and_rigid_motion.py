@@ -17,7 +17,9 @@ from support.elastic_scenes import (
 from tissue_sim.elastic import registry
 
 ALL = registry.names()
-WITH_FORCES = [name for name in ALL if name != "relaxation"]
+WITH_FORCES = [name for name in ALL if registry.MODELS[name].has_forces]
+LINEAR = {"finite_element"}
+"""Strain is linear in the displacement: a large rotation is strained, and balanced about rest."""
 
 
 def rotation(angle: float) -> np.ndarray:
@@ -49,7 +51,7 @@ def test_a_moved_organ_with_nothing_fixed_stays_where_it_is_bit_for_bit(name: st
     np.testing.assert_array_equal(state.displacement, before)
 
 
-@pytest.mark.parametrize("name", WITH_FORCES)
+@pytest.mark.parametrize("name", sorted(set(WITH_FORCES) - LINEAR))
 @pytest.mark.parametrize("angle", [0.3, 2.0])
 def test_a_turned_organ_has_no_force(name: str, angle: float) -> None:
     mesh = block_mesh(5, fixed=False)
@@ -84,7 +86,7 @@ def test_internal_forces_sum_to_zero_and_have_no_moment(name: str) -> None:
     random = np.random.default_rng(1)
     state.displacement[rows] = random.normal(0, 2e-3, (mesh.node_rows, 3))
     F = model.forces(state, rows)
-    x = mesh.rest[rows] + state.displacement[rows]
+    x = mesh.rest[rows] + (0 if name in LINEAR else state.displacement[rows])
     assert np.abs(F.sum(axis=0)).max() < 1e-12 * np.abs(F).sum()
     assert np.abs(np.cross(x, F).sum(axis=0)).max() < 1e-12 * np.abs(F).sum()
 

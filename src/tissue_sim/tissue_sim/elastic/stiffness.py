@@ -1,0 +1,60 @@
+"""The stiffness matrix of linear finite elements, row by row, kept up to date under edits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.stiffness import BlockRows, assemble_rows
+
+
+def lame_constants(material: Material) -> tuple[float, float]:
+    """Lame's constants lambda and mu [Pa]."""
+    E, nu = material.young_modulus, material.poisson_ratio
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+
+class Stiffness:
+    """3x3 blocks in the places of the spring network's lists: an edge of the mesh is a block.
+
+    Linear tetrahedra, homogeneous and isotropic; see docs/finite_element.md.
+
+    Attributes:
+        inverse: Inverse diagonal blocks [m/N], shape (node_capacity, 9); zero for a node without
+            elements.
+    """
+
+    def __init__(self, springs: SpringNetwork, material: Material) -> None:
+        """Assemble all rows."""
+        self.springs = springs
+        self._lame = lame_constants(material)
+        self._blocks = np.zeros((len(springs.arrays.neighbour), 9), dtype=springs.dtype)
+        self.inverse = np.zeros((springs.mesh.node_capacity, 9), dtype=springs.dtype)
+        self._assemble(np.arange(springs.mesh.node_rows, dtype=np.int32))
+
+    @property
+    def rows(self) -> BlockRows:
+        """The matrix for the kernels; edits may replace the arrays."""
+        arrays = self.springs.arrays
+        return BlockRows(arrays.start, arrays.degree, arrays.neighbour, self._blocks)
+
+    def follow(self, change: EditChange) -> None:
+        """Assemble the rows an edit touched; the network must have followed it before."""
+        places = len(self.springs.arrays.neighbour)
+        if places > len(self._blocks):
+            more = np.zeros((places - len(self._blocks), 9), dtype=self._blocks.dtype)
+            self._blocks = np.concatenate([self._blocks, more])
+        extra = self.springs.mesh.node_capacity - len(self.inverse)
+        if extra > 0:
+            more = np.zeros((extra, 9), dtype=self.inverse.dtype)
+            self.inverse = np.concatenate([self.inverse, more])
+        self._assemble(change.nodes)
+
+    def _assemble(self, nodes: NDArray[np.int32]) -> None:
+        springs = self.springs
+        assemble_rows(
+            nodes, springs.elements, springs.mesh.rest, self._lame, self.rows, self.inverse
+        )
