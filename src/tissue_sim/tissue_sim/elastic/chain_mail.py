@@ -24,10 +24,10 @@ SHARES = (
 
 
 class ChainMail(MeshModel):
-    """Edges free within limits; a node beyond them follows its neighbour, the farthest pushed first.
+    """Edges free within limits; who is beyond them follows its neighbour, farthest pushed first.
 
-    A step is one propagation from the held nodes that moved and `relaxations` sweeps that pull every
-    displaced node towards where its neighbours want it, within the limits.
+    A step is one propagation from the held nodes that moved and `relaxations` sweeps that pull
+    every displaced node towards where its neighbours want it, within the limits.
 
     Limitations: no forces; limits are along the axes at rest, so that tissue turned as a whole is
     turned back; see docs/chain_mail.md.
