@@ -5,34 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.elastic_scenes import MATERIAL, block_mesh, build, double, hold, steps, top_ball
+from support.elastic_scenes import MATERIAL, block_mesh, build, hold, steps, top_ball
+from support.oscillator import LENGTH, oscillator
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.spring_mass import FRAME, SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
-from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.raw_mesh import RawMesh
-
-LENGTH = 0.01
-
-
-def oscillator(time_step: float) -> tuple[SpringMass, State, float]:
-    """Node 3 of a tetrahedron whose other nodes are fixed; above their centre it swings upright."""
-    angles = 2 * np.pi * np.arange(3) / 3
-    base = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1) * LENGTH / np.sqrt(3)
-    top = [0, 0, LENGTH * np.sqrt(2 / 3)]
-    mesh = Mesh(RawMesh(np.vstack([base, top]), np.array([[0, 1, 2, 3]])), np.arange(4) < 3)
-    springs, state = double(mesh)
-    model = SpringMass(
-        mesh,
-        MATERIAL,
-        registry.checked_parameters("spring_mass", {"damping": 0.0, "time_step": time_step}),
-        springs,
-    )
-    # Three springs of stiffness k, each at cos^2 = 2/3 to the vertical.
-    k = springs.springs.stiffness[:6][springs.springs.ends[:6, 1] == 3][0]
-    omega = np.sqrt(3 * k * (2 / 3) / springs.masses[3])
-    return model, state, float(omega)
 
 
 def test_an_oscillator_has_its_frequency() -> None:
