@@ -44,6 +44,10 @@ class Pace:
         """Unfold from now on for a while."""
         self._to_unfold = UNFOLD_WITHIN
 
+    def finish_unfolding(self) -> None:
+        """Leave crushed and inverted elements to the energy from now on."""
+        self._to_unfold = 0
+
     def judge(self, along: float, through: bool = True) -> None:
         """Go on after a sweep.
 

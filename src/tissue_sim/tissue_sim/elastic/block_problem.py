@@ -25,9 +25,6 @@ from tissue_sim.kernels.vertex_descent import Inertia
 CRUSHED = 0.3
 """Share of mu sum V |g|^2 below which a node's stiffness shows crushed elements; at rest, 2.25."""
 
-FOLDED = 0.1
-"""Share of its volume below which an element is crushed; inverted ones have less than none."""
-
 THIRD_DERIVATIVE = 1.5
 """Bound of the third derivative of log(1 + p^2)/2 along any line."""
 
@@ -60,7 +57,7 @@ class BlockProblem:
         self.controls = Controls(
             dtype(step), dtype(tolerance**2),
             dtype((1.0 - step / 2.0) * 6.0 / (THIRD_DERIVATIVE * mu)), dtype(CRUSHED * mu),
-            dtype(3e-8), dtype(FOLDED - 1.0),
+            dtype(3e-8),
         )  # fmt: skip
         nodes, rows = mesh.node_capacity, mesh.node_rows
         places = int((mesh.incident.count[:rows].astype(np.int64) + 7).sum()) + 65536

@@ -43,7 +43,7 @@ class VertexBlockDescent(MeshModel):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("step", 1.2, 0.1, 1.95, "", "share of Newton's step that a node takes"),
         Parameter(
-            "levels", 30, 1, WHOLE_ORGAN, "",
+            "levels", 12, 1, WHOLE_ORGAN, "",
             f"breadth-first levels around the held nodes that move; {WHOLE_ORGAN}: all",
             integer=True,
         ),
@@ -81,6 +81,9 @@ class VertexBlockDescent(MeshModel):
         self.active = BlockActiveSet(self.problem, int(self.values["levels"]), tolerance, momentum)
         self._step = self.scalar(self.values["step"])
         self._keep = self.scalar(1.0 - self.values["damping"])
+        # Momentum is gathered slowly: where there are few sweeps it would only overshoot.
+        sweeps = range(int(self.values["iterations"]))
+        self._most_momentum = [self.scalar(k / (k + 3.0)) for k in sweeps]
         if self.time_step is not None:
             self._weigh(np.arange(mesh.node_rows, dtype=np.int32))
 
@@ -103,10 +106,9 @@ class VertexBlockDescent(MeshModel):
             problem.motion(state), state.previous,
         )  # fmt: skip
         pace = self.active.pace
-        for _ in range(int(self.values["iterations"])):
-            moved, along = problem.sweep(
-                state, order.nodes, 0, order.used, pace.share, pace.unfolding
-            )
+        for most in self._most_momentum:
+            share = min(pace.share, most)
+            moved, along = problem.sweep(state, order.nodes, 0, order.used, share, pace.unfolding)
             if moved <= problem.controls.tolerance:
                 break
             pace.judge(along)

@@ -72,7 +72,6 @@ class Controls(NamedTuple):
         crushed: Share of `VertexBlocks.shear` that a node's stiffness has at least [Pa], unless its
             elements are crushed.
         singular: Smallest det K / tr^3 K that is inverted.
-        folded: An element with less than this j is crushed or inverted.
     """
 
     step: np.floating
@@ -80,31 +79,28 @@ class Controls(NamedTuple):
     trusted: np.floating
     crushed: np.floating
     singular: np.floating
-    folded: np.floating
 
 
 @njit(inline="always")
-def _wake_neighbours(i, springs, awake):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    begin = springs.start[i]
-    for place in range(begin, begin + springs.degree[i]):
-        awake[springs.neighbour[place]] = True
+def _wake_neighbours(i, start, degree, neighbour, awake):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    begin = start[i]
+    for place in range(begin, begin + degree[i]):
+        awake[neighbour[place]] = True
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _node(i, problem, u):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Force on a node and its Hessian, those of inertia included, and the least j."""
-    blocks, inertia = problem.blocks, problem.inertia
-    lanes, at = blocks.lanes[i], blocks.start[i]
+def _node(i, lanes, at, corners, gradients, factor, target, material, u, w):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Force on a node and its Hessian, those of inertia included, and its folded elements."""
     three = at + at + at
-    gather(lanes, three, blocks.corners, u, i, problem.w)
-    F0, F1, F2, K00, K01, K02, K11, K12, K22, least = node_response(
-        lanes, three + three + three + at, blocks.gradients, problem.w, problem.material
+    gather(lanes, three, corners, u, i, w)
+    F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = node_response(
+        lanes, three + three + three + at, gradients, w, material
     )
-    m, y = inertia.factor[i], inertia.target
-    F0 += m * (y[i, 0] - u[i, 0])
-    F1 += m * (y[i, 1] - u[i, 1])
-    F2 += m * (y[i, 2] - u[i, 2])
-    return F0, F1, F2, K00 + m, K01, K02, K11 + m, K12, K22 + m, least
+    m = factor[i]
+    F0 += m * (target[i, 0] - u[i, 0])
+    F1 += m * (target[i, 1] - u[i, 1])
+    F2 += m * (target[i, 2] - u[i, 2])
+    return F0, F1, F2, K00 + m, K01, K02, K11 + m, K12, K22 + m, folded
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -117,10 +113,10 @@ def repeat_moves(
     All move before any force is computed: a node that went ahead alone would be pulled back by
     neighbours that have yet to follow.
     """
-    u, last_move = motion.u, motion.last_move
+    u, prescribed, last_move, _, awake = motion
     for place in range(begin, end):
         i = nodes[place]
-        if motion.prescribed[i] or not motion.awake[i]:
+        if prescribed[i] or not awake[i]:
             continue
         for axis in range(3):
             move = share * last_move[i, axis]
@@ -150,9 +146,15 @@ def sweep_blocks(
         Largest squared distance a node moved, repeated moves included [m^2]; sum of the new moves
         times the repeated ones [m^2]; nodes that needed care.
     """
+    # Tuples are taken apart here: in the loop every part would be counted in and out again.
     u, prescribed, last_move, seen, awake = motion
-    blocks = problem.blocks
-    zero = problem.material.tiny - problem.material.tiny
+    blocks, springs, inertia, material, exact, w, exact_w = problem
+    first, lanes, _, corners, gradients, shear, third = blocks
+    _, start, degree, neighbour, _, _ = springs
+    factor, target = inertia
+    step, tolerance, trusted, crushed, singular = controls
+    zero = material.tiny - material.tiny
+    half = material.one / (material.one + material.one)
     largest = along = zero
     careful = 0
     for place in range(begin, end):
@@ -160,31 +162,31 @@ def sweep_blocks(
         if prescribed[i]:
             if seen[i, 0] != u[i, 0] or seen[i, 1] != u[i, 1] or seen[i, 2] != u[i, 2]:
                 seen[i, 0], seen[i, 1], seen[i, 2] = u[i, 0], u[i, 1], u[i, 2]
-                _wake_neighbours(i, problem.springs, awake)
+                _wake_neighbours(i, start, degree, neighbour, awake)
             continue
-        if not awake[i] or blocks.lanes[i] == 0:
+        if not awake[i] or lanes[i] == 0:
             continue
-        F0, F1, F2, K00, K01, K02, K11, K12, K22, least = _node(i, problem, u)
-        d0, d1, d2, regular = solve(F0, F1, F2, K00, K01, K02, K11, K12, K22, zero)
-        d0, d1, d2 = controls.step * d0, controls.step * d1, controls.step * d2
-        squared = d0 * d0 + d1 * d1 + d2 * d2
-        stiff = controls.crushed * blocks.shear[i] < K00 + K11 + K22
-        stiff = stiff and regular > controls.singular
-        lowers = blocks.third[i] * squared * np.sqrt(squared) <= controls.trusted * (
-            F0 * d0 + F1 * d1 + F2 * d2
+        F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = _node(
+            i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
         )
-        if unfolding and least < controls.folded:
-            e0, e1, e2 = unfold_at(i, blocks, u, problem.exact_w)
+        d0, d1, d2, regular = solve(F0, F1, F2, K00, K01, K02, K11, K12, K22, zero)
+        d0, d1, d2 = step * d0, step * d1, step * d2
+        squared = d0 * d0 + d1 * d1 + d2 * d2
+        stiff = crushed * shear[i] < K00 + K11 + K22
+        stiff = stiff and regular > singular
+        lowers = third[i] * squared * np.sqrt(squared) <= trusted * (F0 * d0 + F1 * d1 + F2 * d2)
+        if unfolding and half < folded:
+            e0, e1, e2 = unfold_at(i, blocks, u, exact_w)
             d0, d1, d2 = zero + e0, zero + e1, zero + e2
             careful += 1
-        elif not stiff or (squared > controls.tolerance and not lowers):
-            e0, e1, e2 = minimise_at(i, blocks, u, problem.inertia, problem.exact, problem.exact_w)
+        elif not stiff or (squared > tolerance and not lowers):
+            e0, e1, e2 = minimise_at(i, blocks, u, inertia, exact, exact_w)
             d0, d1, d2 = zero + e0, zero + e1, zero + e2
             careful += 1
         v0, v1, v2 = last_move[i, 0], last_move[i, 1], last_move[i, 2]
         # Below 1e-15 m nothing moves: the front of a disturbance would fill with denormal numbers,
         # which are slow.
-        if d0 * d0 + d1 * d1 + d2 * d2 > problem.material.tiny:
+        if d0 * d0 + d1 * d1 + d2 * d2 > material.tiny:
             along += d0 * v0 + d1 * v1 + d2 * v2
             u[i, 0] += d0
             u[i, 1] += d1
@@ -192,8 +194,8 @@ def sweep_blocks(
             v0, v1, v2 = v0 + d0, v1 + d1, v2 + d2
         squared = v0 * v0 + v1 * v1 + v2 * v2
         largest = max(largest, squared)
-        if squared > controls.tolerance:
-            _wake_neighbours(i, problem.springs, awake)
+        if squared > tolerance:
+            _wake_neighbours(i, start, degree, neighbour, awake)
         else:
             awake[i] = False
             v0 = v1 = v2 = zero
@@ -206,15 +208,13 @@ def block_forces(
     nodes: NDArray[np.int32], problem: Problem, u: NDArray[np.floating], out: NDArray[np.float64]
 ) -> None:
     """Internal elastic forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
-    blocks = problem.blocks
+    blocks, _, _, material, _, w, _ = problem
+    first, lanes, _, corners, gradients, _, _ = blocks
     for place in range(len(nodes)):
         i = nodes[place]
-        lanes, at = blocks.lanes[i], blocks.start[i]
-        three = at + at + at
-        gather(lanes, three, blocks.corners, u, i, problem.w)
-        F = node_response(
-            lanes, three + three + three + at, blocks.gradients, problem.w, problem.material
-        )
+        three = first[i] + first[i] + first[i]
+        gather(lanes[i], three, corners, u, i, w)
+        F = node_response(lanes[i], three + three + three + first[i], gradients, w, material)
         out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
 
 
@@ -231,13 +231,18 @@ def largest_block_force(
 
     Forces are those of the energy that is minimised, inertia included.
     """
-    zero = problem.material.tiny - problem.material.tiny
+    blocks, _, inertia, material, _, w, _ = problem
+    first, lanes, _, corners, gradients, _, _ = blocks
+    factor, target = inertia
+    zero = material.tiny - material.tiny
     largest = largest_step = zero
-    three = problem.material.four - problem.material.one
+    three = material.four - material.one
     for place in range(begin, end):
         i = nodes[place]
-        if not prescribed[i] and problem.blocks.lanes[i] > 0:
-            F0, F1, F2, K00, _, _, K11, _, K22, _ = _node(i, problem, u)
+        if not prescribed[i] and lanes[i] > 0:
+            F0, F1, F2, K00, _, _, K11, _, K22, _ = _node(
+                i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
+            )
             squared = F0 * F0 + F1 * F1 + F2 * F2
             largest = max(largest, squared)
             if squared > zero:
@@ -249,13 +254,13 @@ def largest_block_force(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def total_energy(rows: int, problem: Problem, u: NDArray[np.floating]) -> float:
     """Elastic energy of all elements [J]: a quarter of the sum over nodes of their elements."""
-    blocks, total = problem.blocks, 0.0
+    blocks, _, _, _, exact, _, w = problem
+    first, lanes, _, corners, gradients, _, _ = blocks
+    total = 0.0
     for i in range(rows):
-        lanes, start = np.int64(blocks.lanes[i]), np.int64(blocks.start[i])
-        gather(lanes, 3 * start, blocks.corners, u, i, problem.exact_w)
-        total += _energy(
-            lanes, 10 * start, blocks.gradients, problem.exact_w, 0.0, 0.0, 0.0, problem.exact
-        )
+        n, start = np.int64(lanes[i]), np.int64(first[i])
+        gather(n, 3 * start, corners, u, i, w)
+        total += _energy(n, 10 * start, gradients, w, 0.0, 0.0, 0.0, exact)
     return total / 4.0
 
 
@@ -274,18 +279,20 @@ def begin_time_step(
     `problem.inertia` in place. Moves of no more than the squared distance `tolerance` end there:
     rounding would keep them for ever. A prescribed node gets no velocity.
     """
-    u, target = motion.u, problem.inertia.target
+    u, prescribed, last_move, _, awake = motion
+    _, start, degree, neighbour, _, _ = problem.springs
+    target = problem.inertia.target
     for i in range(rows):
         v0 = keep * (u[i, 0] - previous[i, 0])
         v1 = keep * (u[i, 1] - previous[i, 1])
         v2 = keep * (u[i, 2] - previous[i, 2])
         previous[i, 0], previous[i, 1], previous[i, 2] = u[i, 0], u[i, 1], u[i, 2]
-        if not motion.prescribed[i] and v0 * v0 + v1 * v1 + v2 * v2 > tolerance:
+        if not prescribed[i] and v0 * v0 + v1 * v1 + v2 * v2 > tolerance:
             u[i, 0] += v0
             u[i, 1] += v1
             u[i, 2] += v2
-            motion.awake[i] = True
-            _wake_neighbours(i, problem.springs, motion.awake)
+            awake[i] = True
+            _wake_neighbours(i, start, degree, neighbour, awake)
         target[i, 0], target[i, 1], target[i, 2] = u[i, 0], u[i, 1], u[i, 2]
         for axis in range(3):
-            motion.last_move[i, axis] = keep - keep
+            last_move[i, axis] = keep - keep

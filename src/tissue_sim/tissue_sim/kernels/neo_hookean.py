@@ -42,6 +42,10 @@ All of their operands are contiguous: there is nothing to gather.
 """
 
 
+FOLDED = 0.1
+"""Share of its volume below which an element is crushed; inverted ones have less than none."""
+
+
 class Constants(NamedTuple):
     """The material in a kernel's precision, so that no product becomes a double.
 
@@ -52,6 +56,7 @@ class Constants(NamedTuple):
         bulk: lam [Pa].
         one: 1.
         four: 4.
+        folded: Elements with less than this j count as folded: crushed or inverted.
         tiny: `kernels.springs.TINY`.
     """
 
@@ -61,6 +66,7 @@ class Constants(NamedTuple):
     bulk: np.floating
     one: np.floating
     four: np.floating
+    folded: np.floating
     tiny: np.floating
 
 
@@ -74,7 +80,7 @@ def constants(
     mu_linear = young_modulus / (2 * (1 + poisson_ratio))
     lam_linear = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     mu, lam = 4 / 3 * mu_linear, lam_linear + 5 / 6 * mu_linear
-    numbers = (0.75 * mu, 0.25 * mu, 2 * mu, lam, 1.0, 4.0, float(tiny))
+    numbers = (0.75 * mu, 0.25 * mu, 2 * mu, lam, 1.0, 4.0, FOLDED - 1.0, float(tiny))
     return Constants(*(dtype(number) for number in numbers))
 
 
@@ -97,7 +103,7 @@ def _gradient(a, b, c, ga, gb, gc):  # type: ignore[no-untyped-def] # noqa: ANN0
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def corner_response(a, b, c, ga, gb, gc, V, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
     """Force -V P g [N], Hessian K [N/m], upper triangle by rows, and j of one element at a node."""
-    shear, quarter, double, bulk, one, four, _ = material
+    shear, quarter, double, bulk, one, four, _, _ = material
     xx, xy, xz, yx, yy, yz, zx, zy, zz = _gradient(a, b, c, ga, gb, gc)
     g0, g1, g2 = -(ga[0] + gb[0] + gc[0]), -(ga[1] + gb[1] + gc[1]), -(ga[2] + gb[2] + gc[2])
     # cof H
@@ -140,7 +146,7 @@ def corner_response(a, b, c, ga, gb, gc, V, material):  # type: ignore[no-untype
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def corner_energy(a, b, c, ga, gb, gc, V, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
     """Elastic energy of one element [J], zero at rest."""
-    shear, quarter, _, bulk, one, four, _ = material
+    shear, quarter, _, bulk, one, four, _, _ = material
     xx, xy, xz, yx, yy, yz, zx, zy, zz = _gradient(a, b, c, ga, gb, gc)
     XX, XY, XZ = yy * zz - yz * zy, yz * zx - yx * zz, yx * zy - yy * zx
     YY, ZZ = xx * zz - xz * zx, xx * yy - xy * yx
@@ -171,10 +177,10 @@ def node_response(
         material: Constants.
 
     Returns:
-        Force [N] (3), Hessian [N/m] (6) and the least j, 0 at most.
+        Force [N] (3), Hessian [N/m] (6) and the number of folded elements.
     """
     F0 = F1 = F2 = K00 = K01 = K02 = K11 = K12 = K22 = material.tiny - material.tiny
-    least = F0
+    folded = F0
     a1, a2, a3 = lanes, lanes + lanes, lanes + lanes + lanes
     b1, b2, b3 = a3 + a1, a3 + a2, a3 + a3
     c1, c2 = b3 + a1, b3 + a2
@@ -200,5 +206,5 @@ def node_response(
         K11 += k11
         K12 += k12
         K22 += k22
-        least = min(least, j)
-    return F0, F1, F2, K00, K01, K02, K11, K12, K22, least
+        folded += material.one if j < material.folded else material.tiny
+    return F0, F1, F2, K00, K01, K02, K11, K12, K22, folded
