@@ -169,9 +169,8 @@ class ChainMail(MeshModel):
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         self.springs.follow(change)
-        extra = self.mesh.node_capacity - len(self._seen)
-        if extra > 0:
-            self._grow(extra)
+        if self.mesh.node_capacity > len(self._seen):
+            self._grow()
         self._doubt(change.nodes)
 
     def _doubt(self, nodes: NDArray[np.integer]) -> None:
@@ -181,15 +180,15 @@ class ChainMail(MeshModel):
         self._doubtful = len(nodes)
         self._sources[: self._doubtful] = nodes
 
-    def _grow(self, extra: int) -> None:
-        sources, awake, strained = self._sources, self._awake, self._search.strained
-        seen, self._seen = self._seen, np.empty(0)
+    def _grow(self) -> None:
+        sources, awake, search, seen = self._sources, self._awake, self._search, self._seen
         self._allocate()
+        rows = len(seen)
         self._sources[: self._doubtful] = sources[: self._doubtful]
-        self._awake.nodes[: len(seen)] = awake.nodes
-        self._awake.member[: len(seen)] = awake.member
-        self._search.strained[: len(seen)] = strained
-        self._seen[: len(seen)] = seen
+        self._awake.nodes[:rows] = awake.nodes
+        self._awake.member[:rows] = awake.member
+        self._search.strained[:rows] = search.strained
+        self._seen[:rows] = seen
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Zero: it has no stiffness."""

@@ -11,7 +11,7 @@ bound every other node from below by L and from above by U,
 
     L_j = max over paths from a source s of (u_s - limits along the path),    U_j likewise,
 
-which is a shortest-path problem. Put at
+paths through nodes that do not move excepted, which is a shortest-path problem. Put at
 
     clamp(u_j, min(L_j, M_j), max(U_j, M_j)),    M_j = (L_j + U_j) / 2,
 
