@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tissue_sim.elastic.chain_mail import ChainMail
+from tissue_sim.elastic.finite_element import FiniteElement
 from tissue_sim.elastic.lingering import WIDEN_EVERY
 from tissue_sim.elastic.local_relaxation import LocalRelaxation
 from tissue_sim.elastic.mesh_model import MeshModel
@@ -19,7 +21,15 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 
 MODELS: dict[str, type[MeshModel]] = {
     model.name: model
-    for model in (QuasiStatic, Relaxation, LocalRelaxation, SpringMass, VertexBlockDescent)
+    for model in (
+        QuasiStatic,
+        Relaxation,
+        LocalRelaxation,
+        SpringMass,
+        FiniteElement,
+        VertexBlockDescent,
+        ChainMail,
+    )
 }
 
 
