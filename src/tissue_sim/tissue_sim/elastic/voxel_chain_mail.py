@@ -97,7 +97,7 @@ class VoxelChainMail:
     @property
     def positions(self) -> NDArray[np.float64]:
         """Where voxels are [m], shape (nx, ny, nz, 3); the first is at the origin at rest."""
-        rest = np.stack(np.indices(self.size), axis=-1) * self.spacing
+        rest = np.moveaxis(np.indices(self.size), 0, -1) * self.spacing
         return rest + self.displacement.reshape(*self.size, AXES)
 
     def rows(self, voxels: ArrayLike) -> NDArray[np.int64]:
@@ -172,10 +172,9 @@ class VoxelChainMail:
             raise ValueError(f"rate = {rate:g} is out of range; allowed: between 0 and 2")
         largest = 0.0
         for _ in range(sweeps):
-            largest = kernels.average(
-                self.displacement.dtype.type(rate), self._grid, self.displacement
-            )
-        return float(largest)
+            share = self.displacement.dtype.type(rate)
+            largest = float(kernels.average(share, self._grid, self.displacement))
+        return largest
 
 
 def _box(spacing: NDArray[np.float64], limits: LinkLimits) -> NDArray[np.float64]:

@@ -163,7 +163,7 @@ def settle(count: int, apply: bool, grid: Grid, u: NDArray[np.floating], wave: W
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def average(rate: np.floating, grid: Grid, u: NDArray[np.floating]) -> float:
+def average(rate: np.floating, grid: Grid, u: NDArray[np.floating]) -> np.floating:
     """One Gauss-Seidel sweep towards the mean of the neighbours, within the limits.
 
     Modifies `u` in place.
