@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.model import Parameter
+from tissue_sim.elastic.model import Parameter, State
 from tissue_sim.elastic.spring_laws import PARAMETERS as LAW_PARAMETERS
 from tissue_sim.elastic.spring_laws import spring_law
 from tissue_sim.elastic.springs import SpringNetwork
@@ -90,6 +90,20 @@ class InternalForces:
         self._home = np.zeros(0, dtype=springs.dtype)
         if self.home:
             self._home = self._home_stiffness().astype(springs.dtype)
+
+    def compile(self, state: State, F: NDArray[np.floating]) -> None:
+        """Compile, or load from the cache, every kernel; nothing is changed."""
+        springs, mesh, u = self.springs, self.mesh, state.displacement
+        arrays, volumes = springs.arrays, springs.elements.volumes
+        list_inverted(
+            0, 0, mesh.tets, mesh.element_alive, volumes, arrays.rest, u, self._listed, self._list,
+            0,
+        )  # fmt: skip
+        law_forces(0, arrays, self._law, springs.tiny, u, F)
+        add_turning_forces(
+            self._list, 0, mesh.tets, volumes, arrays.rest, self._turning, RAMP, u, F
+        )
+        largest_free(0, arrays, state.prescribed, F)
 
     @property
     def plain(self) -> bool:

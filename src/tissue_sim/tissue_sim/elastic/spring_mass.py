@@ -91,6 +91,22 @@ class SpringMass(SpringModel):
         self._runge_kutta = (
             None if self._integrator == VERLET else RungeKutta(self.internal, self._integrator)
         )
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile, or load from the cache, what only some steps need: no frame has to wait."""
+        state = State(self.mesh, self.springs.dtype)
+        nodes = self._nodes(state, 0)
+        self.internal.compile(state, self._forces)
+        verlet_move(nodes, self._sticks, self._forces, state.displacement, state.previous)
+        if self._runge_kutta:
+            self._runge_kutta.step(nodes, state, self._forces)
+
+    def _nodes(self, state: State, rows: int) -> Nodes:
+        springs = self.springs
+        return Nodes(
+            rows, springs.arrays.degree, state.prescribed, self._scale, self._damping, springs.tiny
+        )
 
     def longest_time_step(self) -> float:
         """The longest time step [s] that needs no added mass."""
@@ -145,9 +161,7 @@ class SpringMass(SpringModel):
                 self._sticks, springs.tiny, state.displacement, state.previous,
             )  # fmt: skip
             return
-        nodes = Nodes(
-            rows, springs.arrays.degree, state.prescribed, self._scale, self._damping, springs.tiny
-        )
+        nodes = self._nodes(state, rows)
         if self._runge_kutta:
             self._runge_kutta.step(nodes, state, self._forces)
             return
