@@ -49,6 +49,11 @@ class FiniteElement(MeshModel):
             "residual force in free nodes over the force on prescribed nodes that counts as solved",
         ),
         Parameter("rest_tolerance", 1e-8, 1e-14, 1e-3, "m", "motion that counts as none"),
+        Parameter(
+            "foresight", 1, 0, 1, "",
+            "1: when nothing else is left to solve, motions are solved for before they occur",
+            integer=True,
+        ),
     )  # fmt: skip
 
     def __init__(
@@ -65,23 +70,33 @@ class FiniteElement(MeshModel):
         self._all = np.arange(mesh.node_capacity, dtype=np.int32)
         self._prescribed = np.empty(0, dtype=np.int32)
         self._work = Work.NONE
-        self._corrected = self._waits = False
+        self._corrected = self._waits = self._foresees = False
 
     @property
     def idle(self) -> bool:
         """Whether everything is solved for the present pose."""
-        return self._work is Work.NONE and self._corrected and not self._waits
+        known = self._corrected and not self._waits and not self._foresees
+        return self._work is Work.NONE and known
 
     def step(self, state: State) -> None:
         """One iteration, where there is anything to solve. Modifies the state in place."""
         left = self.responses.follow_motion(state, self.mesh.node_rows)
         self._waits = left > self.values["rest_tolerance"]
+        if self._waits and self._work is Work.RESPONSE and self.responses.overtaken:
+            self.responses.abandon()
+            self._work = Work.NONE
         if self._waits and self._work is not Work.RESPONSE:
             self._begin_response(state)
         elif self._work is Work.NONE and not self._corrected:
             self._work = Work.CORRECTION
             self._solver.x[:] = 0
             self._solver.begin(state.prescribed, self.responses.sum)
+        elif self._work is Work.NONE and self._foresees:
+            self._foresees = self.responses.propose(self.mesh.rest)
+            if self._foresees:
+                self._work = Work.RESPONSE
+                self.responses.begin(self._solver.x, proposed=True)
+                self._solver.begin(state.prescribed, self._solver.x)
         if self._work is not Work.NONE:
             if not self._solved(state):
                 self._solver.iterate(state.prescribed)
@@ -102,6 +117,7 @@ class FiniteElement(MeshModel):
             return
         self.responses.begin(self._solver.x)
         self._waits = False
+        self._foresees = bool(self.values["foresight"])
         self._work = Work.RESPONSE
         self._solver.begin(state.prescribed, self._solver.x)
 
@@ -153,6 +169,7 @@ class FiniteElement(MeshModel):
         self._prescribed = np.flatnonzero(state.prescribed[:rows]).astype(np.int32)
         self._work = Work.NONE
         self._corrected = False
+        self._foresees = bool(self.values["foresight"])
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""

@@ -11,6 +11,9 @@ from tissue_sim.elastic.model import State
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.responses import add_responses, project
 
+AFFINE_MOTIONS = 12
+"""Three translations, and nine entries of a matrix that turns or strains."""
+
 MOST = 48
 """Most responses kept: twelve span the rigid motions of a hold, and several holds may move."""
 
@@ -42,6 +45,7 @@ class Responses:
         self._held = held
         self._origin = np.zeros((len(held), 3))
         self._left = np.zeros((len(held), 3))
+        self._proposed = 0
         self._patterns = np.zeros((MOST + 1, len(held), 3))
         self._old_patterns = np.zeros_like(self._patterns)
         self._old_count = 0
@@ -50,6 +54,11 @@ class Responses:
     def share(self) -> float:
         """Share of the pending motion in the present pose [m]."""
         return float(self._shares[self.used])
+
+    @property
+    def overtaken(self) -> bool:
+        """Whether the motion that is in none of them is far larger than the pending one."""
+        return self.pending and math.sqrt(float((self._left**2).sum())) > 4.0 * abs(self.share)
 
     @property
     def full(self) -> bool:
@@ -104,22 +113,53 @@ class Responses:
             add_responses(rows, self._base, self._shares, self._known, self.used, self.sum)
         return math.sqrt(largest)
 
-    def begin(self, x: NDArray[np.floating]) -> None:
+    def propose(self, rest: NDArray[np.float64]) -> bool:
+        """Look for an affine motion of all that is held that has not been met yet.
+
+        Args:
+            rest: Rest positions of the mesh [m], shape (node_capacity, 3).
+
+        Returns:
+            Whether there is one; `begin` takes it.
+        """
+        while len(self._held) and self._proposed < AFFINE_MOTIONS and not self.full:
+            axis, factor = self._proposed % 3, self._proposed // 3
+            self._proposed += 1
+            self._left[:] = 0.0
+            if factor == 0:
+                self._left[:, axis] = 1.0
+            else:
+                along = rest[self._held, factor - 1]
+                self._left[:, axis] = along - along.mean()
+            size = math.sqrt(float((self._left**2).sum()))
+            for k in range(self.used):
+                self._left -= (self._left * self._patterns[k]).sum() * self._patterns[k]
+            if math.sqrt(float((self._left**2).sum())) > 1e-3 * size > 0.0:
+                return True
+        return False
+
+    def begin(self, x: NDArray[np.floating], proposed: bool = False) -> None:
         """Make what is left of the motion the pending one, and write a first guess of its response.
 
         Args:
             x: Written: the motion in the held nodes, elsewhere what is known from before the last
                 edit, shape (node_capacity, 3).
+            proposed: Whether it is what `propose` found, and does not occur yet.
         """
         pattern = self._patterns[self.used]
         norm = math.sqrt(float((self._left**2).sum()))
         np.divide(self._left, norm, out=pattern)
-        self._shares[self.used] = norm
+        self._shares[self.used] = 0.0 if proposed else norm
         self.pending = True
         x[:] = 0
         for k in range(self._old_count):
             x += x.dtype.type((self._old_patterns[k] * pattern).sum()) * self._old[k]
         x[self._held] = pattern
+
+    def abandon(self) -> None:
+        """Give the pending motion up; if it was proposed it will be again."""
+        self.pending = False
+        self._proposed = 0
 
     def finish(self, x: NDArray[np.floating]) -> None:
         """Keep the response of the pending motion."""
