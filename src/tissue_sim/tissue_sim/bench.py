@@ -18,14 +18,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from tissue_sim.bench_work import work_of
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.local_relaxation import LocalRelaxation
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
-from tissue_sim.elastic.quasi_static import QuasiStatic
-from tissue_sim.elastic.relaxation import Relaxation
-from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
@@ -47,6 +44,7 @@ class Case:
         geometry: Name of the generated geometry.
         parameters: Values that differ from the defaults.
         released: Whether the hold is let go before the timing.
+        settled: Whether everything is solved for before the timing.
         thesis_fps: The thesis' frames a second on its 2003 desktop.
     """
 
@@ -55,39 +53,29 @@ class Case:
     geometry: str
     parameters: tuple[tuple[str, float], ...] = ()
     released: bool = False
+    settled: bool = False
     thesis_fps: float | None = None
 
 
 ALL_NODES = (("levels", float(WHOLE_ORGAN)),)
+ITERATING = (("foresight", 0.0), ("tolerance", 1e-12), ("rest_tolerance", 1e-14))
 CASES = (
     Case("quasi_static, all nodes", "quasi_static", "wall", ALL_NODES, thesis_fps=57),
     Case("spring_mass", "spring_mass", "wall", thesis_fps=86),
     Case("relaxation, one pass", "relaxation", "wall", thesis_fps=106),
     Case("lr, L = 4, one pass", "lr", "wall"),
+    Case("finite_element, iterating", "finite_element", "wall", ITERATING, thesis_fps=12),
+    Case("finite_element, motions known", "finite_element", "wall", settled=True),
     Case("quasi_static, all nodes", "quasi_static", "heart", ALL_NODES),
     Case("quasi_static, L = 4", "quasi_static", "heart", (("levels", 4.0),)),
     Case("spring_mass", "spring_mass", "heart"),
     Case("relaxation, one pass", "relaxation", "heart"),
     Case("lr, L = 4, one pass", "lr", "heart", thesis_fps=20),
     Case("lr, after a release", "lr", "heart", released=True),
+    Case("finite_element, iterating", "finite_element", "heart", ITERATING),
+    Case("finite_element, motions known", "finite_element", "heart", settled=True),
+    Case("chain_mail", "chain_mail", "heart"),
 )
-
-
-@dataclass(frozen=True)
-class Work:
-    """What a step must do at least.
-
-    Attributes:
-        moved: Bytes to and from memory with every array touched once (docs/sweeps.md).
-        roots: Square roots, each with a division.
-        nodes: Nodes visited.
-        springs: Springs visited, those of node sweeps twice.
-    """
-
-    moved: int
-    roots: int
-    nodes: int
-    springs: int
 
 
 def run_bench(out: Path | None = Path("out/bench.json"), seconds: float = 1.0) -> dict[str, Any]:
@@ -190,6 +178,8 @@ def measure(
     state.prescribed[held] = True
     model.prescribed_changed(state, held)
     _pull(model, state, held, seconds / REPEATS)
+    while case.settled and not model.idle:
+        model.step(state)
     if case.released:
         state.prescribed[held] = mesh.fixed[held]
         model.prescribed_changed(state, held[:0])
@@ -239,43 +229,6 @@ def _pull(model: MeshModel, state: State, held: NDArray[np.int32], seconds: floa
             state.displacement[held, 2] = 0.01 * np.sin(passed * HOLD_SPEED / 0.01)
         model.step(state)
         steps += 1
-
-
-def work_of(model: MeshModel, state: State) -> Work:
-    """What a step of a model must do at least, as the state is now."""
-    springs = model.springs
-    if isinstance(model, QuasiStatic):
-        return _node_sweep(model.springs, model.active.visited())
-    if isinstance(model, Relaxation):
-        return _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
-    if isinstance(model, LocalRelaxation):
-        sweep = _node_sweep(springs, model.active.visited())
-        relaxation = _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
-        return Work(
-            sweep.moved + relaxation.moved,
-            sweep.roots + relaxation.roots,
-            relaxation.nodes,
-            sweep.springs + relaxation.springs,
-        )
-    if isinstance(model, SpringMass):
-        return _time_step(springs)
-    raise TypeError(f"nobody has counted the work of {type(model).__name__}")
-
-
-def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
-    ends = int(springs.arrays.degree[nodes].sum())
-    return Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
-
-
-def _relaxation(springs: SpringNetwork, listed: int, outside: int) -> Work:
-    nodes = int(springs.mesh.node_alive.sum())
-    return Work(24 * listed + 53 * nodes, outside, nodes, listed)
-
-
-def _time_step(springs: SpringNetwork) -> Work:
-    nodes = int(springs.mesh.node_alive.sum())
-    ends = int(springs.arrays.degree.sum())
-    return Work(12 * ends + 109 * nodes, ends, nodes, ends)
 
 
 def print_table(result: dict[str, Any], console: Console | None = None) -> None:

@@ -44,6 +44,11 @@ class ConjugateGradients:
         """The solution, with prescribed values in prescribed nodes, shape (node_capacity, 3)."""
         return self._vectors.x
 
+    @property
+    def coarse_unknowns(self) -> int:
+        """Unknowns of the coarse part of the preconditioner."""
+        return self._aggregates.force.size
+
     def begin(self, prescribed: NDArray[np.bool_], shape: NDArray[np.floating]) -> None:
         """Solve K (shape + change of x) = 0 in the free nodes; x is where its change is added.
 

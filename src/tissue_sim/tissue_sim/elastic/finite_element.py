@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.conjugate_gradients import ConjugateGradients
+from tissue_sim.elastic.corotated import Corotated
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.responses import Responses
@@ -39,7 +40,10 @@ class FiniteElement(MeshModel):
     and its response is kept; every further pose of the same hold is a sum of responses. What is not
     in equilibrium after a grab, a release or a cut is corrected when no motion waits.
 
-    Limitations: large rotations swell; see docs/finite_element.md.
+    With `corotated` strain is measured in each element's own frame and every pose is solved anew;
+    see `Corotated` and docs/corotated.md.
+
+    Limitations: large rotations swell, unless corotated; see docs/finite_element.md.
     """
 
     name: ClassVar[str] = "finite_element"
@@ -49,6 +53,9 @@ class FiniteElement(MeshModel):
             "residual force in free nodes over the force on prescribed nodes that counts as solved",
         ),
         Parameter("rest_tolerance", 1e-8, 1e-14, 1e-3, "m", "motion that counts as none"),
+        Parameter(
+            "corotated", 0, 0, 1, "", "1: strain is measured in turned elements", integer=True
+        ),
         Parameter(
             "foresight", 1, 0, 1, "",
             "1: when nothing else is left to solve, motions are solved for before they occur",
@@ -64,6 +71,12 @@ class FiniteElement(MeshModel):
         springs: SpringNetwork | None = None,
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
+        self.corotated: Corotated | None = None
+        if self.values["corotated"]:
+            self.corotated = Corotated(
+                self.springs, material, self.values["tolerance"], self.values["rest_tolerance"]
+            )
+            return
         self.stiffness = Stiffness(self.springs, material)
         self.responses = Responses(mesh.node_capacity, self.springs.dtype)
         self._solver = ConjugateGradients(self.stiffness)
@@ -75,11 +88,21 @@ class FiniteElement(MeshModel):
     @property
     def idle(self) -> bool:
         """Whether everything is solved for the present pose."""
+        if self.corotated is not None:
+            return self.corotated.settled
         known = self._corrected and not self._waits and not self._foresees
         return self._work is Work.NONE and known
 
+    @property
+    def coarse_unknowns(self) -> int:
+        """Unknowns of the coarse part of the preconditioner."""
+        return self._solver.coarse_unknowns
+
     def step(self, state: State) -> None:
         """One iteration, where there is anything to solve. Modifies the state in place."""
+        if self.corotated is not None:
+            self.corotated.step(state)
+            return
         left = self.responses.follow_motion(state, self.mesh.node_rows)
         self._waits = left > self.values["rest_tolerance"]
         if self._waits and self._work is Work.RESPONSE and self.responses.overtaken:
@@ -151,12 +174,18 @@ class FiniteElement(MeshModel):
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Begin anew from the present shape."""
+        if self.corotated is not None:
+            self.corotated.prescribed_changed(state, held)
+            return
         self.responses.restart(state, held)
         self._begin_anew(state)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit; what was known is where further solutions start from."""
         self.springs.follow(change)
+        if self.corotated is not None:
+            self.corotated.follow(change, state)
+            return
         self.stiffness.follow(change)
         self._solver.follow(change.copied_nodes, change.copy_parents)
         if self.mesh.node_capacity > len(self._all):
@@ -173,12 +202,16 @@ class FiniteElement(MeshModel):
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""
+        if self.corotated is not None:
+            return self.corotated.forces(state, rows)
         out = np.zeros((len(rows), 3))
         forces_at(np.asarray(rows, np.int32), self.stiffness.rows, state.displacement, out)
         return out
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free node [N]."""
+        if self.corotated is not None:
+            return self.corotated.largest_residual(state)
         free = self._all[: self.mesh.node_rows][~state.prescribed[: self.mesh.node_rows]]
         _, largest = squared_forces(free, self.stiffness.rows, state.displacement)
         return math.sqrt(largest)

@@ -1,0 +1,100 @@
+"""What a step of each model must do at least: bytes to move, roots to take, nodes to visit.
+
+The formulas are explained in docs/sweeps.md and on the models' pages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.chain_mail import ChainMail
+from tissue_sim.elastic.finite_element import FiniteElement
+from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.mesh_model import MeshModel
+from tissue_sim.elastic.model import State
+from tissue_sim.elastic.quasi_static import QuasiStatic
+from tissue_sim.elastic.relaxation import Relaxation
+from tissue_sim.elastic.spring_mass import SpringMass
+from tissue_sim.elastic.springs import SpringNetwork
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a step must do at least.
+
+    Attributes:
+        moved: Bytes to and from memory with every array touched once.
+        roots: Square roots, each with a division.
+        nodes: Nodes visited.
+        springs: Springs, or blocks of a matrix, visited; those of node sweeps twice.
+    """
+
+    moved: int
+    roots: int
+    nodes: int
+    springs: int
+
+
+def work_of(model: MeshModel, state: State) -> Work:
+    """What a step of a model must do at least, as the state is now.
+
+    Raises:
+        TypeError: Nobody has counted the work of this model.
+    """
+    springs = model.springs
+    if isinstance(model, QuasiStatic):
+        return _node_sweep(springs, model.active.visited())
+    if isinstance(model, Relaxation):
+        return _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+    if isinstance(model, LocalRelaxation):
+        sweep = _node_sweep(springs, model.active.visited())
+        relaxation = _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+        return Work(
+            sweep.moved + relaxation.moved,
+            sweep.roots + relaxation.roots,
+            relaxation.nodes,
+            sweep.springs + relaxation.springs,
+        )
+    if isinstance(model, SpringMass):
+        return _time_step(springs)
+    if isinstance(model, FiniteElement):
+        return _responses(model) if model.idle else _iteration(model)
+    if isinstance(model, ChainMail):
+        return _chain_mail(model)
+    raise TypeError(f"nobody has counted the work of {type(model).__name__}")
+
+
+def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
+    ends = int(springs.arrays.degree[nodes].sum())
+    return Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
+
+
+def _relaxation(springs: SpringNetwork, listed: int, outside: int) -> Work:
+    nodes = int(springs.mesh.node_alive.sum())
+    return Work(24 * listed + 53 * nodes, outside, nodes, listed)
+
+
+def _time_step(springs: SpringNetwork) -> Work:
+    nodes = int(springs.mesh.node_alive.sum())
+    ends = int(springs.arrays.degree.sum())
+    return Work(12 * ends + 109 * nodes, ends, nodes, ends)
+
+
+def _iteration(model: FiniteElement) -> Work:
+    nodes = int(model.mesh.node_alive.sum())
+    blocks = int(model.springs.arrays.degree.sum())
+    return Work(40 * blocks + 205 * nodes + 4 * model.coarse_unknowns**2, 0, nodes, blocks)
+
+
+def _responses(model: FiniteElement) -> Work:
+    nodes = int(model.mesh.node_alive.sum())
+    return Work(12 * nodes * (model.responses.used + 4), 0, nodes, 0)
+
+
+def _chain_mail(model: ChainMail) -> Work:
+    ends = int(model.springs.arrays.degree[model.awake].sum())
+    nodes = max(len(model.awake), 1)
+    return Work(16 * ends + 49 * nodes, 0, nodes, ends)
