@@ -1,0 +1,301 @@
+"""Equilibrium of corotated linear finite elements: Newton's method and conjugate gradients."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.corotation import ALL, Tangent
+from tissue_sim.elastic.model import Material, State
+from tissue_sim.elastic.rigid_aggregates import RigidAggregates
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.newton import (
+    add_shift,
+    follow_held,
+    largest_squared,
+    next_conjugate_direction,
+    residual_from,
+    squared_difference,
+    step_back,
+    subtract,
+)
+from tissue_sim.kernels.responses import add_share
+from tissue_sim.kernels.stiffness import Vectors, add_coarse, advance_solution, product
+
+HASTE = 4
+"""Parts of a renewal made in a step that has nothing else to do."""
+
+BACK = 0.25
+"""Share of the way that is left after a step that made the energy grow."""
+
+GOOD = 0.5
+"""Error of the residual, over the residual, with which a linearisation stays in use."""
+
+GROWTH = 1e-6
+"""Share of the energy that rounding may add to it."""
+
+FIRST_SHIFT, LEAST_SHIFT = 0.1, 0.01
+"""Share of the diagonal added after a step too far; what is less is left out."""
+
+ROUNDING = 8
+"""Motions of so many roundings of the largest displacement count as none."""
+
+PATIENCE = 20
+"""Renewals without progress after which rounding is taken to be what is left."""
+
+
+class Corotated:
+    """One problem, f(x) = 0 in the free nodes, followed while what is prescribed moves.
+
+    A step is one iteration of conjugate gradients on f(x_0) - W (x - x_0) and a part of the renewal
+    of f and W at the newest shape x_0. Conjugate gradients go on across renewals and motions of
+    what is held: each direction is conjugate to the last one.
+
+    Attributes:
+        tangent: f and W.
+        settled: Whether forces at the present shape are exact and small enough.
+        residual: Norm of the residual in free nodes [N].
+        shift: Share of the diagonal added to W, after steps that went too far.
+    """
+
+    def __init__(
+        self, springs: SpringNetwork, material: Material, tolerance: float, rest_tolerance: float
+    ) -> None:
+        """Begin at rest.
+
+        Args:
+            springs: Network of the mesh.
+            material: What it is made of.
+            tolerance: Residual over force on prescribed nodes that counts as none.
+            rest_tolerance: Motion that counts as none [m].
+        """
+        self._springs = springs
+        self._tolerance, self._rest_tolerance = tolerance, rest_tolerance
+        self.tangent = Tangent(springs, material)
+        self._aggregates = RigidAggregates(self.tangent)
+        shape = (springs.mesh.node_capacity, 3)
+        self._vectors = Vectors(*(np.zeros(shape, dtype=springs.dtype) for _ in range(5)))
+        self._held = np.empty(0, dtype=np.int32)
+        self._prescribed = springs.mesh.fixed.copy()
+        self.settled, self.shift, self.residual = False, 0.0, 0.0
+        self._motion = self._prescribed_force = self._floor = self._pq = 0.0
+        self._renewing, self._unknown, self._stuck = False, False, False
+        # Whether x has changed since the renewal began, and r since z was computed.
+        self._changed, self._stale = True, True
+        # Motions of what is prescribed so far, and up to the shapes of both linearisations.
+        self._moves, self._moves_now, self._moves_next = 0, 0, 0
+        self._stalled, self._best = 0, math.inf
+        self._wait = self._waited = 0
+
+    @property
+    def shape(self) -> NDArray[np.floating]:
+        """Displacements [m], shape (node_capacity, 3)."""
+        return self._vectors.x
+
+    @property
+    def _count(self) -> int:
+        return self._springs.mesh.node_rows
+
+    def step(self, state: State) -> None:
+        """One iteration. Writes the state's displacements of free nodes."""
+        moved = follow_held(
+            self._held, state.displacement, self.tangent.rows, state.prescribed, self._vectors
+        )
+        if moved > 0.0:
+            self._moves += 1
+            self._disturb()
+        if self.settled:
+            return
+        solved = not self._unknown and self._solved()
+        if (solved and self._changed) or (not self._renewing and self._waited >= self._wait):
+            self._begin_renewal()
+        elif self._renewing and self.tangent.complete:
+            self._renewed(state.prescribed)
+        elif self._unknown or solved:
+            for _ in range(HASTE):
+                self.tangent.go_on()
+        else:
+            self._iterate(state.prescribed)
+            self._waited += 1
+            if self._renewing:
+                self.tangent.go_on()
+        add_share(self._count, state.prescribed, self.shape, 0.0, self.shape, state.displacement)
+
+    def _disturb(self) -> None:
+        """Something has changed from outside."""
+        self.settled = self._stuck = False
+        self._changed = self._stale = True
+        self._stalled, self._best = 0, math.inf
+        self._wait = 0
+
+    def _solved(self) -> bool:
+        """Whether the linear problem is."""
+        if self._stale:
+            return False
+        enough = 0.5 * self._tolerance * self._prescribed_force
+        return self._stuck or self.residual <= enough or self._motion <= 0.5 * self._floor
+
+    def _iterate(self, prescribed: NDArray[np.bool_]) -> None:
+        vectors, count = self._vectors, self._count
+        if self._stale:
+            self._precondition(prescribed, 0.0)
+            if self._solved():
+                return
+        slope = next_conjugate_direction(count, self._pq, vectors)
+        if not slope > 0.0:
+            slope = next_conjugate_direction(count, 0.0, vectors)
+        self._pq = self._product(prescribed, vectors.p)
+        if not (self._pq > 0.0 and slope > 0.0 and math.isfinite(slope / self._pq)):
+            self._stuck = True
+            return
+        self._precondition(prescribed, slope / self._pq)
+        self._changed = True
+
+    def _product(self, prescribed: NDArray[np.bool_], y: NDArray[np.floating]) -> float:
+        """Q = (W + shift) y; y . q."""
+        rows, q = self.tangent.rows, self._vectors.q
+        dot = float(product(self._count, rows, prescribed, y, q))
+        if self.shift > 0.0:
+            weight = self.tangent.now.weight
+            dot += add_shift(self._count, self.shift, weight, prescribed, y, q)
+        return dot
+
+    def _precondition(self, prescribed: NDArray[np.bool_], alpha: float) -> None:
+        """Go alpha along p, and find z."""
+        count, coarse = self._count, self._aggregates
+        squared = advance_solution(
+            count, alpha, self._vectors, self.tangent.inverse, coarse.arrays, coarse.force
+        )
+        coarse.solve()
+        _, largest = add_coarse(count, prescribed, coarse.arrays, coarse.motion, self._vectors)
+        self.residual, self._motion = math.sqrt(squared), math.sqrt(largest)
+        self._stale = False
+
+    def _begin_renewal(self) -> None:
+        self.tangent.begin(self.shape)
+        self._moves_next = self._moves
+        self._renewing, self._changed = True, False
+
+    def _renewed(self, prescribed: NDArray[np.bool_]) -> None:
+        """Go on with the new linearisation, or go back if the energy has grown."""
+        self._renewing = self._stuck = False
+        now, new = self.tangent.now, self.tangent.next
+        comparable = self._moves_next == self._moves_now and not self._unknown
+        grown = comparable and new.energy > now.energy * (1.0 + GROWTH)
+        if not grown and not self._unknown and self._still_good(prescribed):
+            self._wait = 2 * self._wait + ALL
+            return
+        self._wait = 0
+        if grown:
+            self.shift = max(4.0 * self.shift, FIRST_SHIFT)
+            step_back(self._count, BACK, prescribed, now.shape, new.shape, self.shape)
+            self._changed = True
+        else:
+            self.tangent.swap()
+            self._moves_now = self._moves_next
+            self.shift = self.shift / 4.0 if self.shift > LEAST_SHIFT else 0.0
+        self._unknown = False
+        exact = self._take_residual(prescribed)
+        if exact:
+            self._judge()
+
+    def _still_good(self, prescribed: NDArray[np.bool_]) -> bool:
+        """Whether the linearisation in use is, so that nothing need disturb the iteration."""
+        vectors, count, self._waited = self._vectors, self._count, 0
+        if self._stale or not self._changed:
+            return False
+        self.tangent.swap()
+        subtract(count, vectors.x, self.tangent.now.shape, vectors.z)
+        self._product(prescribed, vectors.z)
+        force = self.tangent.now.force
+        wrong = squared_difference(count, prescribed, force, vectors.q, vectors.r)
+        self.tangent.swap()
+        good = wrong < (GOOD * self.residual) ** 2
+        if good:
+            self._product(prescribed, vectors.p)
+            self._precondition(prescribed, 0.0)
+        return good
+
+    def _take_residual(self, prescribed: NDArray[np.bool_]) -> bool:
+        """Find r by the linearisation in use; whether x is its shape, so that r is exact."""
+        now, vectors, count = self.tangent.now, self._vectors, self._count
+        away = subtract(count, vectors.x, now.shape, vectors.z)
+        self._product(prescribed, vectors.z)
+        squared = residual_from(count, prescribed, now.force, vectors.q, vectors.r)
+        self._prescribed_force = math.sqrt(squared)
+        self._pq = self._product(prescribed, vectors.p)
+        precision = float(np.finfo(vectors.x.dtype).eps)
+        reach = math.sqrt(largest_squared(count, vectors.x))
+        self._floor = self._rest_tolerance + ROUNDING * precision * reach
+        self._precondition(prescribed, 0.0)
+        return away == 0.0
+
+    def _judge(self) -> None:
+        """Whether the exact residual is small enough, or will not become smaller."""
+        if self.residual < 0.5 * self._best:
+            self._best, self._stalled = self.residual, 0
+        else:
+            self._stalled += 1
+        self.settled = (
+            self.residual <= self._tolerance * self._prescribed_force
+            or self._motion <= self._floor
+            or self._stalled > PATIENCE
+        )
+
+    def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
+        """Go on from the present shape; one that is not known is linearised first."""
+        rows, u, vectors = slice(self._count), state.displacement, self._vectors
+        follow_held(self._held, u, self.tangent.rows, self._prescribed, vectors)
+        self._moves += 1
+        self._disturb()
+        if not np.array_equal(u[rows], vectors.x[rows]):
+            vectors.x[rows] = u[rows]
+            vectors.r[:] = 0.0
+            self._unknown, self._renewing = True, False
+        before, now = self._prescribed[rows], state.prescribed[rows]
+        self._take_forces(np.flatnonzero(before != now).astype(np.int32), state)
+        self._held = held.astype(np.int32)
+
+    def _take_forces(self, nodes: NDArray[np.int32], state: State) -> None:
+        """Begin anew with exact forces on some nodes."""
+        forces = np.zeros((len(nodes), 3))
+        self.tangent.forces(nodes, self.shape, forces)
+        forces[state.prescribed[nodes]] = 0.0
+        self._vectors.r[nodes] = forces
+        self._vectors.p[:] = 0.0
+        self._pq = 0.0
+        np.copyto(self._prescribed, state.prescribed)
+
+    def follow(self, change: EditChange, state: State) -> None:
+        """Follow an edit that the network has followed."""
+        capacity, nodes = self._springs.mesh.node_capacity, change.nodes
+        extra = capacity - len(self.shape)
+        if extra > 0:
+            self._vectors = Vectors(*(np.pad(a, ((0, extra), (0, 0))) for a in self._vectors))
+            self._prescribed = np.pad(self._prescribed, (0, extra))
+        self.shape[nodes] = state.displacement[nodes]
+        self.tangent.follow_at(change, self.shape)
+        self._aggregates.follow(change.copied_nodes, change.copy_parents, capacity)
+        self._moves += 1
+        self._renewing = False
+        self._disturb()
+        self._take_forces(nodes, state)
+
+    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Exact internal forces on nodes [N], shape (len(rows), 3)."""
+        out = np.zeros((len(rows), 3))
+        self.tangent.forces(np.asarray(rows, np.int32), state.displacement, out)
+        return out
+
+    def largest_residual(self, state: State) -> float:
+        """Largest internal force on a free node [N].
+
+        It is exact when `settled`, elsewhere by the linearisation in use.
+        """
+        if not self._unknown:
+            return math.sqrt(largest_squared(self._count, self._vectors.r))
+        free = np.flatnonzero(~state.prescribed[: self._count]).astype(np.int32)
+        return math.sqrt(largest_squared(len(free), self.forces(state, free)))
