@@ -219,7 +219,7 @@ def test_no_sweep_raises_the_energy_however_hard_the_pull(step: float) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize(("nodes", "sweeps"), [(5, 100), (9, 200)])
+@pytest.mark.parametrize(("nodes", "sweeps"), [(5, 250), (9, 400)])
 def test_a_collapsed_organ_recovers(nodes: int, sweeps: int, seed: int) -> None:
     mesh, model, state = scene(nodes, dtype=np.float32)
     points, free = mesh.rest[: mesh.node_rows], ~mesh.fixed[: mesh.node_rows]
@@ -335,7 +335,7 @@ def test_momentum_reaches_the_same_equilibrium_in_a_fraction_of_the_sweeps() -> 
     energy, end = model.energy(state), state.displacement.copy()
     plain = sweeps_until(*pulled(step=1.0, momentum=0.0), energy, 0.0)
     longer = sweeps_until(*pulled(step=1.7, momentum=0.0), energy, 0.0)
-    momentum = sweeps_until(*pulled(), energy, 0.0)
+    momentum = sweeps_until(*pulled(momentum=0.9), energy, 0.0)
     chebyshev = sweeps_until(*pulled(step=1.0, momentum=0.0), energy, 0.95)
     assert momentum < 0.2 * plain
     assert momentum < longer < chebyshev < plain
@@ -428,8 +428,11 @@ def kinetic_energy(mesh: Mesh, model: VertexBlockDescent, state: State) -> float
     return float(0.5 * (model.springs.masses[:, None] * v**2).sum())
 
 
-@pytest.mark.parametrize(("time_step", "iterations"), [(1 / 60, 10), (1 / 60, 2), (1e-3, 5)])
-def test_free_motion_gains_no_energy(time_step: float, iterations: int) -> None:
+@pytest.mark.parametrize(
+    ("time_step", "iterations", "rise"),
+    [(1 / 60, 300, 1e-6), (1e-3, 60, 1e-6), (1 / 60, 10, 1e-2), (1 / 60, 2, 1e-2)],
+)
+def test_free_motion_gains_no_energy(time_step: float, iterations: int, rise: float) -> None:
     mesh, model, state = scene(6, dynamic=1, time_step=time_step, iterations=iterations)
     state.displacement[:] = 0.2 * mesh.rest[:, ::-1]
     state.displacement[mesh.fixed] = 0
@@ -440,8 +443,8 @@ def test_free_motion_gains_no_energy(time_step: float, iterations: int) -> None:
         model.step(state)
         energies.append(model.energy(state) + kinetic_energy(mesh, model, state))
     assert max(energies) <= energies[0] * (1 + 1e-9)
-    # Few sweeps leave a little elastic energy for later; with enough of them it only falls.
-    assert (np.diff(energies) <= 3e-3 * energies[0]).all()
+    # Converged, energy only falls; sweeps that end early leave some for the steps after.
+    assert (np.diff(energies) <= rise * energies[0]).all()
     assert energies[-1] < 0.02 * energies[0]
 
 
@@ -486,6 +489,6 @@ def test_the_dynamic_model_hangs_still_where_the_static_one_rests() -> None:
 
 
 def test_long_steps_with_momentum_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"step = 1.8 is too long .* allowed: up to 1.5"):
+    with pytest.raises(ValueError, match=r"step = 1.8 is too long .* allowed: up to 1.3"):
         registry.build(NAME, block_mesh(3), MATERIAL, {"step": 1.8})
     assert registry.build(NAME, block_mesh(3), MATERIAL, {"step": 1.8, "momentum": 0.0})

@@ -19,15 +19,14 @@ UNFOLD_WITHIN = 200
 class Pace:
     """How the nodes of one list move: with momentum, and unfolding at first.
 
-    Polyak's heavy ball with restarts: when a sweep moves nodes against what they have just
-    repeated, the momentum has carried them too far, and the next sweep repeats nothing.
+    Polyak's heavy ball, with a brake: when a sweep turns round more than half of what nodes have
+    just repeated, the next sweep repeats nothing. That is what oscillations that grow from sweep to
+    sweep do. Stopping at the first move backwards (O'Donoghue and Candes, doi
+    10.1007/s10208-013-9150-3) takes the momentum from slow large moves because of quick small ones:
+    six times the sweeps on the heart.
 
     Attributes:
         share: Share of its last move that every node repeats.
-
-    References:
-        B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes, Foundations of
-        Computational Mathematics 15, 2015, doi 10.1007/s10208-013-9150-3.
     """
 
     def __init__(self, share: np.floating) -> None:
@@ -52,7 +51,7 @@ class Pace:
         """Go on after a sweep.
 
         Args:
-            along: New moves times the repeated ones [m^2].
+            along: Sum of the new moves plus half of the repeated ones, times the latter [m^2].
             through: Whether the sweep has reached the end of the list.
         """
         self.share = self._full if along >= 0.0 else self._none

@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
-from tissue_sim.kernels.block_sweeps import (
-    Controls,
-    Motion,
-    Problem,
-    block_forces,
-    largest_block_force,
-    repeat_moves,
-    sweep_blocks,
-    total_energy,
-)
+from tissue_sim.kernels.block_forces import block_forces, largest_block_force, total_energy
+from tissue_sim.kernels.block_sweeps import Controls, Motion, Problem, repeat_moves, sweep_blocks
 from tissue_sim.kernels.neo_hookean import constants
 from tissue_sim.kernels.vertex_blocks import VertexBlocks, fill_blocks
 from tissue_sim.kernels.vertex_descent import Inertia
@@ -154,8 +146,8 @@ class BlockProblem:
             unfolding: Whether nodes of crushed and inverted elements follow their neighbours.
 
         Returns:
-            Largest squared distance a node moved [m^2]; sum of the new moves times the repeated
-            ones [m^2].
+            Largest squared distance a node moved [m^2]; sum of the new moves plus half of the
+            repeated ones, times the latter [m^2].
         """
         motion = self.motion(state)
         repeat_moves(nodes, begin, end, momentum, self.springs.tiny, motion)

@@ -21,7 +21,7 @@ from tissue_sim.kernels.block_sweeps import begin_time_step
 
 FRAME = 1.0 / 60.0
 
-LONGEST_WITH_MOMENTUM = 1.5
+LONGEST_WITH_MOMENTUM = 1.3
 """Longer steps and momentum together may overshoot for ever."""
 
 
@@ -41,14 +41,14 @@ class VertexBlockDescent(MeshModel):
 
     name: ClassVar[str] = "vertex_block_descent"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("step", 1.2, 0.1, 1.95, "", "share of Newton's step that a node takes"),
+        Parameter("step", 1.0, 0.1, 1.95, "", "share of Newton's step that a node takes"),
         Parameter(
             "levels", 12, 1, WHOLE_ORGAN, "",
             f"breadth-first levels around the held nodes that move; {WHOLE_ORGAN}: all",
             integer=True,
         ),
         Parameter(
-            "momentum", 0.9, 0.0, 0.98, "",
+            "momentum", 0.95, 0.0, 0.98, "",
             "share of its last move that a node repeats before a sweep; 0: none",
         ),
         REST_TOLERANCE,

@@ -1,4 +1,4 @@
-"""Loops of vertex block descent: sweeps, forces and energy."""
+"""Loops of vertex block descent: sweeps and time steps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from tissue_sim.kernels.springs import FAST, SpringArrays
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
 from tissue_sim.kernels.vertex_descent import (
     Inertia,
-    _energy,
     gather,
     minimise_at,
     solve,
@@ -89,7 +88,7 @@ def _wake_neighbours(i, start, degree, neighbour, awake):  # type: ignore[no-unt
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _node(i, lanes, at, corners, gradients, factor, target, material, u, w):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def node_sums(i, lanes, at, corners, gradients, factor, target, material, u, w):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
     """Force on a node and its Hessian, those of inertia included, and its folded elements."""
     three = at + at + at
     gather(lanes, three, corners, u, i, w)
@@ -144,7 +143,7 @@ def sweep_blocks(
 
     Returns:
         Largest squared distance a node moved, repeated moves included [m^2]; sum of the new moves
-        times the repeated ones [m^2]; nodes that needed care.
+        plus half of the repeated ones, times the latter [m^2]; nodes that needed care.
     """
     # Tuples are taken apart here: in the loop every part would be counted in and out again.
     u, prescribed, last_move, seen, awake = motion
@@ -166,7 +165,7 @@ def sweep_blocks(
             continue
         if not awake[i] or lanes[i] == 0:
             continue
-        F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = _node(
+        F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = node_sums(
             i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
         )
         d0, d1, d2, regular = solve(F0, F1, F2, K00, K01, K02, K11, K12, K22, zero)
@@ -187,7 +186,7 @@ def sweep_blocks(
         # Below 1e-15 m nothing moves: the front of a disturbance would fill with denormal numbers,
         # which are slow.
         if d0 * d0 + d1 * d1 + d2 * d2 > material.tiny:
-            along += d0 * v0 + d1 * v1 + d2 * v2
+            along += v0 * (d0 + half * v0) + v1 * (d1 + half * v1) + v2 * (d2 + half * v2)
             u[i, 0] += d0
             u[i, 1] += d1
             u[i, 2] += d2
@@ -201,67 +200,6 @@ def sweep_blocks(
             v0 = v1 = v2 = zero
         last_move[i, 0], last_move[i, 1], last_move[i, 2] = v0, v1, v2
     return largest, along, careful
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def block_forces(
-    nodes: NDArray[np.int32], problem: Problem, u: NDArray[np.floating], out: NDArray[np.float64]
-) -> None:
-    """Internal elastic forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
-    blocks, _, _, material, _, w, _ = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
-    for place in range(len(nodes)):
-        i = nodes[place]
-        three = first[i] + first[i] + first[i]
-        gather(lanes[i], three, corners, u, i, w)
-        F = node_response(lanes[i], three + three + three + first[i], gradients, w, material)
-        out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def largest_block_force(
-    nodes: NDArray[np.uint32],
-    begin: int,
-    end: int,
-    problem: Problem,
-    prescribed: NDArray[np.bool_],
-    u: NDArray[np.floating],
-) -> tuple[np.floating, np.floating]:
-    """Largest squared F_i [N^2] and squared 3 F_i / tr K_i [m^2] of free nodes in nodes[begin:end].
-
-    Forces are those of the energy that is minimised, inertia included.
-    """
-    blocks, _, inertia, material, _, w, _ = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
-    factor, target = inertia
-    zero = material.tiny - material.tiny
-    largest = largest_step = zero
-    three = material.four - material.one
-    for place in range(begin, end):
-        i = nodes[place]
-        if not prescribed[i] and lanes[i] > 0:
-            F0, F1, F2, K00, _, _, K11, _, K22, _ = _node(
-                i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
-            )
-            squared = F0 * F0 + F1 * F1 + F2 * F2
-            largest = max(largest, squared)
-            if squared > zero:
-                stiffness = (K00 + K11 + K22) / three
-                largest_step = max(largest_step, squared / (stiffness * stiffness))
-    return largest, largest_step
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def total_energy(rows: int, problem: Problem, u: NDArray[np.floating]) -> float:
-    """Elastic energy of all elements [J]: a quarter of the sum over nodes of their elements."""
-    blocks, _, _, _, exact, _, w = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
-    total = 0.0
-    for i in range(rows):
-        n, start = np.int64(lanes[i]), np.int64(first[i])
-        gather(n, 3 * start, corners, u, i, w)
-        total += _energy(n, 10 * start, gradients, w, 0.0, 0.0, 0.0, exact)
-    return total / 4.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

@@ -96,7 +96,8 @@ def _lane(k, lanes, at, gradients, w, e0, e1, e2):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _energy(lanes, at, gradients, w, e0, e1, e2, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def node_energy(lanes, at, gradients, w, e0, e1, e2, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
+    """Elastic energy of a node's elements once it has moved by e [J]."""
     total = 0.0
     for k in range(lanes):
         a, b, c, ga, gb, gc, V = _lane(k, lanes, at, gradients, w, e0, e1, e2)
@@ -177,12 +178,12 @@ def minimise_at(
         slope = F0 * d0 + F1 * d1 + F2 * d2
         if not slope > 0.0:
             break
-        before = _energy(lanes, at, blocks.gradients, w, e0, e1, e2, material)
+        before = node_energy(lanes, at, blocks.gradients, w, e0, e1, e2, material)
         before += 0.5 * m * ((e0 - y0) ** 2 + (e1 - y1) ** 2 + (e2 - y2) ** 2)
         t, halvings = 1.0, 0
         while halvings < HALVINGS:
             n0, n1, n2 = e0 + t * d0, e1 + t * d1, e2 + t * d2
-            after = _energy(lanes, at, blocks.gradients, w, n0, n1, n2, material)
+            after = node_energy(lanes, at, blocks.gradients, w, n0, n1, n2, material)
             after += 0.5 * m * ((n0 - y0) ** 2 + (n1 - y1) ** 2 + (n2 - y2) ** 2)
             if after <= before - ENOUGH * t * slope:
                 e0, e1, e2 = n0, n1, n2
