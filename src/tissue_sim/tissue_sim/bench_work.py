@@ -19,6 +19,7 @@ from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
 
 
 @dataclass(frozen=True)
@@ -29,13 +30,16 @@ class Work:
         moved: Bytes to and from memory with every array touched once.
         roots: Square roots, each with a division.
         nodes: Nodes visited.
-        springs: Springs, or blocks of a matrix, visited; those of node sweeps twice.
+        springs: Springs, blocks of a matrix, or elements visited; those of node sweeps as often as
+            nodes look at them.
+        operations: Additions and multiplications, where they are what takes time.
     """
 
     moved: int
     roots: int
     nodes: int
     springs: int
+    operations: int = 0
 
 
 def work_of(model: MeshModel, state: State) -> Work:
@@ -62,6 +66,8 @@ def work_of(model: MeshModel, state: State) -> Work:
         return _time_step(springs)
     if isinstance(model, FiniteElement):
         return _responses(model) if model.idle else _iteration(model)
+    if isinstance(model, VertexBlockDescent):
+        return _block_sweep(model)
     if isinstance(model, ChainMail):
         return _chain_mail(model)
     raise TypeError(f"nobody has counted the work of {type(model).__name__}")
@@ -92,6 +98,12 @@ def _iteration(model: FiniteElement) -> Work:
 def _responses(model: FiniteElement) -> Work:
     nodes = int(model.mesh.node_alive.sum())
     return Work(12 * nodes * (model.responses.used + 4), 0, nodes, 0)
+
+
+def _block_sweep(model: VertexBlockDescent) -> Work:
+    active = model.active.visited()
+    lanes, nodes = int(model.problem.blocks.lanes[active].sum()), max(len(active), 1)
+    return Work(52 * lanes + 73 * nodes, 0, nodes, lanes, 262 * lanes + 60 * nodes)
 
 
 def _chain_mail(model: ChainMail) -> Work:

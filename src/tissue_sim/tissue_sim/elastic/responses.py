@@ -38,7 +38,7 @@ class Responses:
         self._known = np.zeros((MOST, capacity, 3), dtype=dtype)
         self._old = np.zeros((MOST, capacity, 3), dtype=dtype)
         self._old_count = 0
-        self._shares = np.zeros(MOST + 1)
+        self._shares, self._old_shares = np.zeros(MOST + 1), np.zeros(MOST + 1)
         self._hold(np.empty(0, dtype=np.int32))
 
     def _hold(self, held: NDArray[np.int32]) -> None:
@@ -151,9 +151,11 @@ class Responses:
         np.divide(self._left, norm, out=pattern)
         self._shares[self.used] = 0.0 if proposed else norm
         self.pending = True
+        old = self._old_shares[: self._old_count]
+        np.einsum("kij,ij->k", self._old_patterns[: self._old_count], pattern, out=old)
         x[:] = 0
-        for k in range(self._old_count):
-            x += x.dtype.type((self._old_patterns[k] * pattern).sum()) * self._old[k]
+        if self._old_count:
+            add_responses(len(x), x, self._old_shares, self._old, self._old_count, x)
         x[self._held] = pattern
 
     def abandon(self) -> None:

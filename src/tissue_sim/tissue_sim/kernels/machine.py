@@ -26,3 +26,13 @@ def root_and_quotient(numbers: NDArray[np.floating], one: np.floating) -> np.flo
         root = np.sqrt(numbers[i])
         total += one / (root * (root + one))
     return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def multiply_and_add(numbers: NDArray[np.floating], s: np.floating, c: np.floating) -> None:
+    """Sixteen times x <- s x + c for every number, in registers: 32 operations each."""
+    for i in range(len(numbers)):
+        x = numbers[i]
+        for _ in range(16):
+            x = s * x + c
+        numbers[i] = x
