@@ -7,38 +7,42 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.corotation import ALL, Tangent
+from tissue_sim.elastic.corotation import Tangent
 from tissue_sim.elastic.model import Material, State
 from tissue_sim.elastic.rigid_aggregates import RigidAggregates
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.newton import (
-    add_shift,
     follow_held,
     largest_squared,
     next_conjugate_direction,
     residual_from,
-    squared_difference,
     step_back,
     subtract,
 )
 from tissue_sim.kernels.responses import add_share
 from tissue_sim.kernels.stiffness import Vectors, add_coarse, advance_solution, product
 
-HASTE = 4
+HASTE = 2
 """Parts of a renewal made in a step that has nothing else to do."""
 
 BACK = 0.25
 """Share of the way that is left after a step that made the energy grow."""
 
-GOOD = 0.5
-"""Error of the residual, over the residual, with which a linearisation stays in use."""
+REACH = 0.2
+"""Sizes of the organ that nodes may move by with one linearisation."""
+
+SOME = 16
+"""Iterations between renewals far from the end."""
+
+PROGRESS, ENOUGH = 0.1, 200
+"""Share of its residual, or iterations, after which a linear problem is renewed near the end."""
+
+NEAR = 0.02
+"""Share of the energy lost between renewals below which the end is near."""
 
 GROWTH = 1e-6
 """Share of the energy that rounding may add to it."""
-
-FIRST_SHIFT, LEAST_SHIFT = 0.1, 0.01
-"""Share of the diagonal added after a step too far; what is less is left out."""
 
 ROUNDING = 8
 """Motions of so many roundings of the largest displacement count as none."""
@@ -58,7 +62,6 @@ class Corotated:
         tangent: f and W.
         settled: Whether forces at the present shape are exact and small enough.
         residual: Norm of the residual in free nodes [N].
-        shift: Share of the diagonal added to W, after steps that went too far.
     """
 
     def __init__(
@@ -80,15 +83,37 @@ class Corotated:
         self._vectors = Vectors(*(np.zeros(shape, dtype=springs.dtype) for _ in range(5)))
         self._held = np.empty(0, dtype=np.int32)
         self._prescribed = springs.mesh.fixed.copy()
-        self.settled, self.shift, self.residual = False, 0.0, 0.0
+        self.settled, self.residual = False, 0.0
         self._motion = self._prescribed_force = self._floor = self._pq = 0.0
         self._renewing, self._unknown, self._stuck = False, False, False
+        self._searching = False
         # Whether x has changed since the renewal began, and r since z was computed.
         self._changed, self._stale = True, True
         # Motions of what is prescribed so far, and up to the shapes of both linearisations.
         self._moves, self._moves_now, self._moves_next = 0, 0, 0
         self._stalled, self._best = 0, math.inf
-        self._wait = self._waited = 0
+        self._waited, self._first = 0, 0.0
+        points = springs.mesh.rest[: springs.mesh.node_rows]
+        self._room = self._reach = REACH * float(np.ptp(points, axis=0).max(initial=0.0))
+
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile the kernels, or load them from the cache: steps must not have to."""
+        nobody, vectors = self._prescribed, self._vectors
+        shape, force = self.shape, self.tangent.now.force
+        self.tangent.warm_up()
+        follow_held(self._held, shape, self.tangent.rows, nobody, vectors)
+        next_conjugate_direction(0, 0.0, vectors)
+        subtract(0, shape, shape, vectors.z)
+        residual_from(0, nobody, force, vectors.q, vectors.r)
+        step_back(0, BACK, nobody, shape, shape, vectors.z)
+        largest_squared(0, shape)
+        largest_squared(0, force)
+        product(0, self.tangent.rows, nobody, shape, vectors.q)
+        add_share(0, nobody, shape, 0.0, shape, shape)
+        self._precondition(nobody, 0.0)
+        self._stale = True
 
     @property
     def shape(self) -> NDArray[np.floating]:
@@ -110,11 +135,12 @@ class Corotated:
         if self.settled:
             return
         solved = not self._unknown and self._solved()
-        if (solved and self._changed) or (not self._renewing and self._waited >= self._wait):
+        outdated = solved and self._changed and self._moves == self._moves_next
+        if outdated or (not self._renewing and (solved or self._worn())):
             self._begin_renewal()
         elif self._renewing and self.tangent.complete:
             self._renewed(state.prescribed)
-        elif self._unknown or solved:
+        elif self._unknown or self._searching or solved:
             for _ in range(HASTE):
                 self.tangent.go_on()
         else:
@@ -126,10 +152,11 @@ class Corotated:
 
     def _disturb(self) -> None:
         """Something has changed from outside."""
-        self.settled = self._stuck = False
+        self.settled = self._stuck = self._searching = False
         self._changed = self._stale = True
-        self._stalled, self._best = 0, math.inf
-        self._wait = 0
+        self._stalled, self._near = 0, NEAR
+        self._best = self._lowest = math.inf
+        self.tangent.keep = 0.0
 
     def _solved(self) -> bool:
         """Whether the linear problem is."""
@@ -138,30 +165,40 @@ class Corotated:
         enough = 0.5 * self._tolerance * self._prescribed_force
         return self._stuck or self.residual <= enough or self._motion <= 0.5 * self._floor
 
+    def _worn(self) -> bool:
+        """Whether the linearisation should be renewed, though it is not solved yet."""
+        return (
+            self._unknown
+            or self._searching
+            or (self.tangent.keep == 0.0 and self._waited >= SOME)
+            or self._waited >= ENOUGH
+            or self.residual <= PROGRESS * self._first
+        )
+
     def _iterate(self, prescribed: NDArray[np.bool_]) -> None:
         vectors, count = self._vectors, self._count
         if self._stale:
             self._precondition(prescribed, 0.0)
             if self._solved():
                 return
-        slope = next_conjugate_direction(count, self._pq, vectors)
+        slope, widest = next_conjugate_direction(count, self._pq, vectors)
         if not slope > 0.0:
-            slope = next_conjugate_direction(count, 0.0, vectors)
+            slope, widest = next_conjugate_direction(count, 0.0, vectors)
         self._pq = self._product(prescribed, vectors.p)
         if not (self._pq > 0.0 and slope > 0.0 and math.isfinite(slope / self._pq)):
-            self._stuck = True
+            self._stuck = self._changed = True
+            self._retreat()
             return
-        self._precondition(prescribed, slope / self._pq)
-        self._changed = True
+        # Nothing is known of shapes far from that of the linearisation.
+        way = math.sqrt(widest) * slope / self._pq
+        share = min(1.0, self._room / way) if way > 0.0 else 1.0
+        self._room -= share * way
+        self._precondition(prescribed, share * slope / self._pq)
+        self._changed, self._stuck = True, share < 1.0
 
     def _product(self, prescribed: NDArray[np.bool_], y: NDArray[np.floating]) -> float:
-        """Q = (W + shift) y; y . q."""
-        rows, q = self.tangent.rows, self._vectors.q
-        dot = float(product(self._count, rows, prescribed, y, q))
-        if self.shift > 0.0:
-            weight = self.tangent.now.weight
-            dot += add_shift(self._count, self.shift, weight, prescribed, y, q)
-        return dot
+        """Q = W y; y . q."""
+        return float(product(self._count, self.tangent.rows, prescribed, y, self._vectors.q))
 
     def _precondition(self, prescribed: NDArray[np.bool_], alpha: float) -> None:
         """Go alpha along p, and find z."""
@@ -185,39 +222,27 @@ class Corotated:
         now, new = self.tangent.now, self.tangent.next
         comparable = self._moves_next == self._moves_now and not self._unknown
         grown = comparable and new.energy > now.energy * (1.0 + GROWTH)
-        if not grown and not self._unknown and self._still_good(prescribed):
-            self._wait = 2 * self._wait + ALL
-            return
-        self._wait = 0
+        lost = now.energy - new.energy if comparable else 0.0
+        near = 0.0 < lost < self._near * new.energy
         if grown:
-            self.shift = max(4.0 * self.shift, FIRST_SHIFT)
+            self._searching = True
             step_back(self._count, BACK, prescribed, now.shape, new.shape, self.shape)
             self._changed = True
+            self._retreat()
         else:
+            self.tangent.keep = 1.0 if near else self.tangent.keep
             self.tangent.swap()
             self._moves_now = self._moves_next
-            self.shift = self.shift / 4.0 if self.shift > LEAST_SHIFT else 0.0
+            self._searching = False
         self._unknown = False
         exact = self._take_residual(prescribed)
         if exact:
             self._judge()
 
-    def _still_good(self, prescribed: NDArray[np.bool_]) -> bool:
-        """Whether the linearisation in use is, so that nothing need disturb the iteration."""
-        vectors, count, self._waited = self._vectors, self._count, 0
-        if self._stale or not self._changed:
-            return False
-        self.tangent.swap()
-        subtract(count, vectors.x, self.tangent.now.shape, vectors.z)
-        self._product(prescribed, vectors.z)
-        force = self.tangent.now.force
-        wrong = squared_difference(count, prescribed, force, vectors.q, vectors.r)
-        self.tangent.swap()
-        good = wrong < (GOOD * self.residual) ** 2
-        if good:
-            self._product(prescribed, vectors.p)
-            self._precondition(prescribed, 0.0)
-        return good
+    def _retreat(self) -> None:
+        """What was near the end is not near enough for what is not positive."""
+        if self.tangent.keep > 0.0:
+            self.tangent.keep, self._near = 0.0, self._near / 4.0
 
     def _take_residual(self, prescribed: NDArray[np.bool_]) -> bool:
         """Find r by the linearisation in use; whether x is its shape, so that r is exact."""
@@ -231,12 +256,15 @@ class Corotated:
         reach = math.sqrt(largest_squared(count, vectors.x))
         self._floor = self._rest_tolerance + ROUNDING * precision * reach
         self._precondition(prescribed, 0.0)
+        self._waited, self._first, self._room = 0, self.residual, self._reach
         return away == 0.0
 
     def _judge(self) -> None:
         """Whether the exact residual is small enough, or will not become smaller."""
-        if self.residual < 0.5 * self._best:
-            self._best, self._stalled = self.residual, 0
+        energy = self.tangent.now.energy
+        if self.residual < 0.5 * self._best or energy < self._lowest * (1.0 - GROWTH):
+            self._best, self._lowest = min(self._best, self.residual), energy
+            self._stalled = 0
         else:
             self._stalled += 1
         self.settled = (

@@ -22,7 +22,7 @@ from tissue_sim.kernels.corotation import (
 )
 from tissue_sim.kernels.stiffness import BlockRows
 
-CLEARING, ADDING, INVERTING = 4, 40, 4
+CLEARING, ADDING, INVERTING = 4, 64, 4
 """Steps over which a renewal is spread: rows cleared, elements added, diagonals inverted."""
 
 ALL = CLEARING + ADDING + INVERTING
@@ -35,7 +35,6 @@ class Linearisation:
     Attributes:
         blocks: Of W [N/m], shape (places, 9).
         inverse: Inverse diagonal blocks [m/N], shape (node_capacity, 9).
-        weight: Means of the diagonals [N/m], shape (node_capacity,).
         force: Exact internal forces at the shape [N], shape (node_capacity, 3).
         shape: Displacements [m], shape (node_capacity, 3).
         energy: Elastic energy of the shape [J].
@@ -43,7 +42,6 @@ class Linearisation:
 
     blocks: NDArray[np.floating]
     inverse: NDArray[np.floating]
-    weight: NDArray[np.floating]
     force: NDArray[np.float64]
     shape: NDArray[np.floating]
     energy: float = 0.0
@@ -55,12 +53,13 @@ class Tangent(Stiffness):
     Attributes:
         now: What is in use.
         next: What is being made.
+        keep: Share of what is not positive in the stiffness of stressed elements against turning.
     """
 
     def __init__(self, springs: SpringNetwork, material: Material) -> None:
         """Begin with that of rest."""
         super().__init__(springs, material)
-        self._found = response()
+        self._found, self.keep = response(), 0.0
         places, capacity = len(self._blocks), springs.mesh.node_capacity
         self.now = _zeros(0, capacity, springs.dtype)
         self.now.blocks, self.now.inverse = self._blocks, self.inverse
@@ -72,7 +71,7 @@ class Tangent(Stiffness):
     @property
     def solid(self) -> Solid:
         """What kernels read of the mesh; edits may replace the arrays."""
-        return Solid(self.springs.elements, self.springs.mesh.rest, self._lame)
+        return Solid(self.springs.elements, self.springs.mesh.rest, self._lame, self.keep)
 
     @property
     def complete(self) -> bool:
@@ -99,7 +98,7 @@ class Tangent(Stiffness):
             )  # fmt: skip
         elif not self.complete:
             begin, end = _part(at - CLEARING - ADDING, INVERTING, mesh.node_rows)
-            invert_diagonals(self._all[begin:end], rows, new.inverse, new.weight)
+            invert_diagonals(self._all[begin:end], rows, new.inverse)
         self._at = min(at + 1, ALL)
 
     def swap(self) -> None:
@@ -113,13 +112,21 @@ class Tangent(Stiffness):
         """Exact internal forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
         node_forces(nodes, self.solid, shape, self._found, out)
 
+    def warm_up(self) -> None:
+        """Compile the kernels, or load them from the cache."""
+        none, rows = self._all[:0], self._rows_of(self.next)
+        clear_rows(0, 0, rows)
+        add_elements(0, 0, self.solid, self.next.shape, self._found, rows, self.next.force)
+        assemble_nodes(none, self.solid, self.next.shape, self._found, rows)
+        self.forces(none, self.next.shape, self.next.force[:0])
+
     def follow_at(self, change: EditChange, shape: NDArray[np.floating]) -> None:
         """Make anew, at a shape, the rows an edit touched; the next one has to be begun again."""
         mesh = self.springs.mesh
         self.now.blocks = _longer(self.now.blocks, len(self.springs.arrays.neighbour))
         self.next.blocks = _longer(self.next.blocks, len(self.springs.arrays.neighbour))
         for line in (self.now, self.next):
-            for name in ("inverse", "weight", "force", "shape"):
+            for name in ("inverse", "force", "shape"):
                 setattr(line, name, _longer(getattr(line, name), mesh.node_capacity))
         if mesh.node_capacity > len(self._all):
             self._all = np.arange(mesh.node_capacity, dtype=np.int32)
@@ -129,7 +136,7 @@ class Tangent(Stiffness):
         self._at = ALL
 
     def _invert(self, nodes: NDArray[np.int32]) -> None:
-        invert_diagonals(nodes, self.rows, self.now.inverse, self.now.weight)
+        invert_diagonals(nodes, self.rows, self.now.inverse)
 
     def _rows_of(self, line: Linearisation) -> BlockRows:
         arrays = self.springs.arrays
@@ -143,8 +150,7 @@ def _part(at: int, parts: int, count: int) -> tuple[int, int]:
 def _zeros(places: int, capacity: int, dtype: type[np.floating]) -> Linearisation:
     return Linearisation(
         np.zeros((places, 9), dtype=dtype), np.zeros((capacity, 9), dtype=dtype),
-        np.zeros(capacity, dtype=dtype), np.zeros((capacity, 3)),
-        np.zeros((capacity, 3), dtype=dtype),
+        np.zeros((capacity, 3)), np.zeros((capacity, 3), dtype=dtype),
     )  # fmt: skip
 
 

@@ -61,11 +61,13 @@ class Solid(NamedTuple):
         elements: The mesh.
         rest: Rest positions [m], shape (node_capacity, 3).
         lame: lambda and mu [Pa].
+        keep: Share of the negative m_k in the tangent.
     """
 
     elements: Elements
     rest: NDArray[np.float64]
     lame: tuple[float, float]
+    keep: float
 
 
 class Response(NamedTuple):
@@ -171,8 +173,9 @@ def _turned(F, U, V):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _twist(ei, ej, trace, lam, mu):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    return max(0.0, (mu * (ei + ej) + lam * trace) / max(2.0 + ei + ej, NARROW))
+def _twist(ei, ej, trace, lam, mu, keep):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    m = (mu * (ei + ej) + lam * trace) / max(2.0 + ei + ej, NARROW)
+    return m if m > 0.0 else keep * m
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -193,6 +196,7 @@ def respond(
     if volume == 0.0:
         return 0.0, 0.0
     lam, mu = solid.lame
+    keep = solid.keep
     for i in range(3):
         base = np.float64(u[tet[0], i])
         a, b, c = u[tet[1], i] - base, u[tet[2], i] - base, u[tet[3], i] - base
@@ -213,8 +217,8 @@ def respond(
     trace = e1 + e2 + e3
     p = lam * trace
     t1, t2, t3 = 2.0 * mu * e1 + p, 2.0 * mu * e2 + p, 2.0 * mu * e3 + p
-    m1, m2 = _twist(e2, e3, trace, lam, mu), _twist(e3, e1, trace, lam, mu)
-    m3 = _twist(e1, e2, trace, lam, mu)
+    m1, m2 = _twist(e2, e3, trace, lam, mu, keep), _twist(e3, e1, trace, lam, mu, keep)
+    m3 = _twist(e1, e2, trace, lam, mu, keep)
     for i in range(3):
         for j in range(i, 3):
             a, b, c = V[0, i] * V[0, j], V[1, i] * V[1, j], V[2, i] * V[2, j]
@@ -381,12 +385,8 @@ def invert_diagonals(
     nodes: NDArray[np.int32],
     rows: BlockRows,
     inverse: NDArray[np.floating],
-    weight: NDArray[np.floating],
 ) -> None:
-    """Inverse diagonal blocks of nodes [m/N], and the mean of their diagonals [N/m].
-
-    Writes `inverse`, shape (node_capacity, 9), and `weight`, shape (node_capacity,).
-    """
+    """Inverse diagonal blocks of nodes [m/N]. Writes `inverse`, shape (node_capacity, 9)."""
     diagonal = np.empty((3, 3))
     for node in nodes:
         diagonal[:] = 0.0
@@ -396,4 +396,3 @@ def invert_diagonals(
                 for j in range(3):
                     diagonal[i, j] -= rows.blocks[place, 3 * i + j]
         _invert(diagonal, inverse[node])
-        weight[node] = (diagonal[0, 0] + diagonal[1, 1] + diagonal[2, 2]) / 3.0

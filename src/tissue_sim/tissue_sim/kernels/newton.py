@@ -53,49 +53,24 @@ def follow_held(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def next_conjugate_direction(count: int, pq: float, vectors: Vectors) -> float:
+def next_conjugate_direction(count: int, pq: float, vectors: Vectors) -> tuple[float, float]:
     """P = z - (z . q) / pq p, conjugate to the last p whatever has become of r. Modifies p.
 
     Returns:
-        r . p.
+        r . p and the largest squared p of a node.
     """
     _, r, z, p, q = vectors
     dot = 0.0
     for i in range(count):
         dot += z[i, 0] * q[i, 0] + z[i, 1] * q[i, 1] + z[i, 2] * q[i, 2]
     b = p.dtype.type(-dot / pq if pq > 0.0 else 0.0)
-    slope = 0.0
+    slope = widest = 0.0
     for i in range(count):
-        for k in range(3):
-            p[i, k] = z[i, k] + b * p[i, k]
-        slope += r[i, 0] * p[i, 0] + r[i, 1] * p[i, 1] + r[i, 2] * p[i, 2]
-    return slope
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def add_shift(
-    count: int,
-    shift: float,
-    weight: NDArray[np.floating],
-    prescribed: NDArray[np.bool_],
-    x: NDArray[np.floating],
-    y: NDArray[np.floating],
-) -> float:
-    """Y += shift weight x in free nodes. Modifies y in place.
-
-    Returns:
-        What it adds to x . y.
-    """
-    dot = 0.0
-    s = x.dtype.type(shift)
-    for i in range(count):
-        if prescribed[i]:
-            continue
-        w = s * weight[i]
-        for k in range(3):
-            y[i, k] += w * x[i, k]
-        dot += w * (x[i, 0] * x[i, 0] + x[i, 1] * x[i, 1] + x[i, 2] * x[i, 2])
-    return dot
+        p0, p1, p2 = z[i, 0] + b * p[i, 0], z[i, 1] + b * p[i, 1], z[i, 2] + b * p[i, 2]
+        p[i, 0], p[i, 1], p[i, 2] = p0, p1, p2
+        slope += r[i, 0] * p0 + r[i, 1] * p1 + r[i, 2] * p2
+        widest = max(widest, np.float64(p0 * p0 + p1 * p1 + p2 * p2))
+    return slope, widest
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -137,23 +112,6 @@ def residual_from(
             continue
         for k in range(3):
             r[i, k] = f[i, k] - q[i, k]
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def squared_difference(
-    count: int,
-    prescribed: NDArray[np.bool_],
-    f: NDArray[np.float64],
-    q: NDArray[np.floating],
-    r: NDArray[np.floating],
-) -> float:
-    """Sum of the squares of f - q - r in free nodes [N^2]."""
-    total = 0.0
-    for i in range(count):
-        if not prescribed[i]:
-            for k in range(3):
-                total += (f[i, k] - q[i, k] - r[i, k]) ** 2
     return total
 
 
