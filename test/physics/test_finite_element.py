@@ -358,3 +358,22 @@ def test_models_of_other_names_start_it_and_take_over() -> None:
     assert isinstance(second, FiniteElement)
     settle(second, state)
     compare_loosely(mesh, second, state)
+
+
+def test_on_the_wall_every_frame_is_exact_from_the_first_after_a_grab() -> None:
+    """120 steps of 0.05 ms a frame: single precision, default parameters, a hold that turns."""
+    mesh = wall_mesh()
+    model, state = build("finite_element", mesh)
+    assert isinstance(model, FiniteElement)
+    held = hold(model, state, ball(mesh, np.array([0.032, 0.1, 0.002]), 0.008), mesh)
+    free = np.flatnonzero(~state.prescribed[: mesh.node_rows]).astype(np.int32)
+    prescribed = np.flatnonzero(state.prescribed[: mesh.node_rows]).astype(np.int32)
+    for frame in range(1, 61):
+        t = frame / 60
+        angles = Rotation.from_euler("xyz", [0.3 * np.sin(3 * t), 0.2 * t, 0.5 * t**2])
+        turn(mesh, state, held, angles, [0.004 * t, 0.003 * np.sin(2 * t), 0.012 * t])
+        steps(model, state, 120)
+        residual = np.linalg.norm(model.forces(state, free))
+        assert residual < 1e-3 * np.linalg.norm(model.forces(state, prescribed)), frame
+        if frame % 15 == 0:
+            compare_loosely(mesh, model, state)

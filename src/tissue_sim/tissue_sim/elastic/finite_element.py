@@ -49,7 +49,7 @@ class FiniteElement(MeshModel):
     name: ClassVar[str] = "finite_element"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
-            "tolerance", 2e-4, 1e-12, 0.1, "",
+            "tolerance", 4e-4, 1e-12, 0.1, "",
             "residual force in free nodes over the force on prescribed nodes that counts as solved",
         ),
         Parameter("rest_tolerance", 1e-8, 1e-14, 1e-3, "m", "motion that counts as none"),
@@ -108,6 +108,20 @@ class FiniteElement(MeshModel):
         if self._waits and self._work is Work.RESPONSE and self.responses.overtaken:
             self.responses.abandon()
             self._work = Work.NONE
+        begun = self._begin(state)
+        if self._work is Work.NONE:
+            if self.responses.changed:
+                self._show(state)
+            return
+        # To begin takes as long as an iteration.
+        if not begun:
+            self._solver.iterate(state.prescribed)
+        self._show(state)
+        if self._solved(state):
+            self._finish()
+
+    def _begin(self, state: State) -> bool:
+        """Begin what is most urgent, unless something as urgent goes on; whether it has."""
         if self._waits and self._work is not Work.RESPONSE:
             self._begin_response(state)
         elif self._work is Work.NONE and not self._corrected:
@@ -120,14 +134,9 @@ class FiniteElement(MeshModel):
                 self._work = Work.RESPONSE
                 self.responses.begin(self._solver.x, proposed=True)
                 self._solver.begin(state.prescribed, self._solver.x)
-        if self._work is not Work.NONE:
-            if not self._solved(state):
-                self._solver.iterate(state.prescribed)
-            self._show(state)
-            if self._solved(state):
-                self._finish()
-        elif self.responses.changed:
-            self._show(state)
+        else:
+            return False
+        return True
 
     def _begin_response(self, state: State) -> None:
         if self._work is Work.CORRECTION:
