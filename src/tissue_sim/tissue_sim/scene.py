@@ -25,6 +25,8 @@ class Scene:
         material: What the tissue is made of.
         tools: Tools at the start.
         rate_hz: Frames per simulated second [1/s].
+        seeded_release: Distance from released nodes within which tissue starts from rest, blended
+            [m]; 0: it starts from where it is.
         displacement: Displacement from rest at the start [m], float32, shape (node_rows, 3); None:
             at rest.
     """
@@ -34,6 +36,7 @@ class Scene:
     material: Material = field(default_factory=Material)
     tools: tuple[ToolSpec, ...] = ()
     rate_hz: float = 60.0
+    seeded_release: float = 0.0
     displacement: NDArray[np.float32] | None = None
 
     def as_arguments(self) -> dict[str, Any]:
@@ -44,6 +47,7 @@ class Scene:
             "material": asdict(self.material),
             "tools": [tool.as_arguments() for tool in self.tools],
             "rate_hz": self.rate_hz,
+            "seeded_release": self.seeded_release,
         }
         if self.displacement is not None:
             raw = np.ascontiguousarray(self.displacement, dtype="<f4").tobytes()
@@ -63,5 +67,7 @@ class Scene:
             material=Material(**arguments["material"]),
             tools=tuple(ToolSpec.from_arguments(tool) for tool in arguments["tools"]),
             rate_hz=float(arguments["rate_hz"]),
+            # Journals from before there was seeding do not have it.
+            seeded_release=float(arguments.get("seeded_release", 0.0)),
             displacement=displacement,
         )

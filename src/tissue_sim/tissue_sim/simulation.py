@@ -31,6 +31,7 @@ from tissue_sim.geometry.edit_check import CheckedEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.reaction import wrench_on_tool
+from tissue_sim.interaction.seeding import Seeding
 from tissue_sim.interaction.tools import GRAB, ToolSpec, blade
 from tissue_sim.kernels.positions import nodes_within, place_nodes
 from tissue_sim.scene import Scene
@@ -83,6 +84,8 @@ class Simulation:
             rows = mesh.node_rows
             self.state.displacement[:rows] = self.scene.displacement
             self.state.previous[:rows] = self.scene.displacement
+        self._seeding = Seeding(mesh, self.scene.seeded_release)
+        self._unseeded: list[NDArray[np.int32]] = []
         self.tools: dict[str, ToolSpec] = {}
         self.poses: dict[str, NDArray[np.float64]] = {}
         self.holds = Holds(mesh)
@@ -125,6 +128,8 @@ class Simulation:
             freed = self.holds.release(hold, self._places(hold.rows), self.poses)
             # What a tool lets go of starts from rest.
             self.state.previous[freed] = self.state.displacement[freed]
+            if self._seeding.radius > 0.0:
+                self._unseeded.append(freed)
         if holds:
             self._holds_changed()
 
@@ -187,6 +192,9 @@ class Simulation:
         self.frame += 1
         self._events = []
         answers = [execute(self, command) for command in inputs.commands]
+        if self._unseeded and not self.paused:
+            # Released while nothing might move.
+            self._holds_changed()
         edits = []
         for plan in inputs.edits:
             applied, answer = self._apply(plan)
@@ -346,4 +354,8 @@ class Simulation:
 
     def _holds_changed(self) -> None:
         np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
+        if self._unseeded and not self.paused:
+            freed = np.unique(np.concatenate(self._unseeded))
+            self._unseeded.clear()
+            self.model.nodes_placed(self._seeding.seed(self.state, freed))
         self.model.prescribed_changed(self.state, self.holds.rows)

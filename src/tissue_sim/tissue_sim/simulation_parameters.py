@@ -11,6 +11,7 @@ from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Material
 from tissue_sim.frames import Frames, frame_specs
 from tissue_sim.interaction.reaction import ForceLimits
+from tissue_sim.interaction.seeding import LARGEST_RADIUS
 from tissue_sim.interaction.tools import LARGEST, SHAPES, SMALLEST, ToolError, ToolSpec
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.parameters import ParameterError, Spec
@@ -59,6 +60,11 @@ SPECS = (
     Spec(
         "density", "double", 1060.0, "Mass density of the tissue.",
         unit="kg/m^3", minimum=1.0, maximum=1e5,
+    ),
+    Spec(
+        "seeded_release", "double", 0.0,
+        "Distance from released tissue within which it starts from rest, blended; 0: not at all.",
+        unit="m", minimum=0.0, maximum=LARGEST_RADIUS,
     ),
     Spec("tools", "strings", [], "Ids of the tools at the start."),
     Spec(
@@ -227,6 +233,7 @@ class Settings:
                 ),
                 tools=tuple(_tool(values, tool) for tool in values["tools"]),
                 rate_hz=values["rate_hz"],
+                seeded_release=values["seeded_release"],
             ),
             frames=Frames.from_parameters(values["frame_id"], values),
             limits=limits,

@@ -166,6 +166,10 @@ class ChainMail(MeshModel):
         self._told = self._look_at_held = True
         self._doubt(doubtful)
 
+    def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
+        """Doubt nodes that were put elsewhere."""
+        self._doubt(nodes)
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         self.springs.follow(change)

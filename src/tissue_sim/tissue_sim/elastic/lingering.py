@@ -68,6 +68,10 @@ class Lingering:
         self.member[:] = False
         self.count = 0
 
+    def forget(self, nodes: NDArray[np.int32]) -> None:
+        """Forget the last moves of nodes that were put elsewhere."""
+        self._last_move[nodes] = 0
+
     def choose(self, state: State, order: NodeOrdering, begin: int) -> None:
         """List the members behind the region, in the order of the nodes.
 

@@ -77,6 +77,10 @@ class LocalRelaxation(SpringModel):
         self.active.prescribed_changed(state, held)
         self.relaxation.prescribed_changed(self.active.ordering)
 
+    def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
+        """Forget the last moves of nodes that were put elsewhere."""
+        self.active.lingering.forget(nodes)
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         springs = self.springs.follow(change)

@@ -71,6 +71,9 @@ class MeshModel(ABC):
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Holds were made, released or taken over; see `Model`."""
 
+    def nodes_placed(self, nodes: NDArray[np.int32]) -> None:  # noqa: B027
+        """Nodes were put elsewhere; see `Model`. A model that remembers no moves does nothing."""
+
     @abstractmethod
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; see `Model`."""

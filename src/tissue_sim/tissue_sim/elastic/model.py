@@ -159,6 +159,9 @@ class Model(Protocol):
             held: Rows of all nodes held now, sorted, fixed nodes not included.
         """
 
+    def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
+        """Free nodes were put elsewhere: forget how they moved. `prescribed_changed` follows."""
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; follow in time proportional to it."""
 

@@ -85,6 +85,10 @@ class QuasiStatic(SpringModel):
         """Order the nodes anew from the held ones."""
         self.active.prescribed_changed(state, held)
 
+    def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
+        """Forget the last moves of nodes that were put elsewhere."""
+        self.active.lingering.forget(nodes)
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         self.springs.follow(change)
