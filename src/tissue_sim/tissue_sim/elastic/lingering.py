@@ -18,6 +18,9 @@ WIDEN_EVERY = 8
 UNFLIP_WITHIN = 32
 """Sweeps within which every lingering node's elements are looked at once for inversion."""
 
+PATIENCE = 2 * UNFLIP_WITHIN
+"""Sweeps with inverted elements after which every sweep looks for them at all nodes it visits."""
+
 MOST_VISITED = 2000
 """Most nodes a sweep visits: a longer list is visited in parts, so that a large release does not
 make steps longer than a frame."""
@@ -48,6 +51,7 @@ class Lingering:
         self.springs, self._joins = springs, joins
         self._momentum = springs.dtype(momentum)
         self.count = self._sweeps = self._since_flip = self._visited = 0
+        self._flipping = 0
         self._farthest = 0.0
         capacity = springs.mesh.node_capacity
         self.nodes = np.zeros(capacity, dtype=np.uint32)
@@ -107,6 +111,21 @@ class Lingering:
         self._visited = end
         return begin, end
 
+    def _unflip(self, state: State, begin: int, end: int) -> int:
+        """Look for inverted elements at some of the nodes that linger; how many were put back.
+
+        Where a large part is inside out its nodes confirm each other and springs undo what one
+        look in `UNFLIP_WITHIN` sweeps does: then all that was swept is looked at, every time.
+        """
+        if self._flipping <= PATIENCE:
+            part = self._sweeps % UNFLIP_WITHIN
+            begin = self.count * part // UNFLIP_WITHIN
+            end = self.count * (part + 1) // UNFLIP_WITHIN
+        return unflip_nodes(
+            self.nodes, begin, end, self.springs.mesh.rest, self.springs.elements,
+            self.springs.arrays, state.displacement, self._last_move,
+        )  # fmt: skip
+
     def sweep(self, state: State, order: NodeOrdering, begin: int, step: np.floating) -> float:
         """One sweep. Modifies the state in place.
 
@@ -129,12 +148,11 @@ class Lingering:
             moved, self._farthest = self._farthest, 0.0
         else:
             moved = np.inf
-        part = self._sweeps % UNFLIP_WITHIN
-        put_back = unflip_nodes(
-            self.nodes, self.count * part // UNFLIP_WITHIN,
-            self.count * (part + 1) // UNFLIP_WITHIN, self.springs.mesh.rest, self.springs.elements,
-            self.springs.arrays, state.displacement, self._last_move,
-        )  # fmt: skip
+        if self._unflip(state, begin, end):
+            self._since_flip, self._flipping = 0, self._flipping + 1
+        else:
+            self._since_flip += 1
         # Rest counts only when all elements have been looked at since the last one was turned.
-        self._since_flip = 0 if put_back else self._since_flip + 1
+        if self._since_flip >= UNFLIP_WITHIN:
+            self._flipping = 0
         return moved if self._since_flip >= UNFLIP_WITHIN else np.inf
