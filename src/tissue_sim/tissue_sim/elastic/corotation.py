@@ -66,6 +66,7 @@ class Tangent(Stiffness):
         self.next = _zeros(places, capacity, springs.dtype)
         self._at = ALL
         self._all = np.arange(capacity, dtype=np.int32)
+        self._place_of = np.full(capacity, -1, dtype=np.int32)
         self._invert(self._all[: springs.mesh.node_rows])
 
     @property
@@ -110,7 +111,7 @@ class Tangent(Stiffness):
         self, nodes: NDArray[np.int32], shape: NDArray[np.floating], out: NDArray[np.float64]
     ) -> None:
         """Exact internal forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
-        node_forces(nodes, self.solid, shape, self._found, out)
+        node_forces(nodes, self.solid, shape, self._found, self._place_of, out)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the cache."""
@@ -130,6 +131,7 @@ class Tangent(Stiffness):
                 setattr(line, name, _longer(getattr(line, name), mesh.node_capacity))
         if mesh.node_capacity > len(self._all):
             self._all = np.arange(mesh.node_capacity, dtype=np.int32)
+            self._place_of = np.full(mesh.node_capacity, -1, dtype=np.int32)
         self._blocks, self.inverse = self.now.blocks, self.now.inverse
         assemble_nodes(change.nodes, self.solid, shape, self._found, self.rows)
         self._invert(change.nodes)

@@ -349,27 +349,52 @@ def node_forces(
     solid: Solid,
     u: NDArray[np.floating],
     found: Response,
+    place_of: NDArray[np.int32],
     out: NDArray[np.float64],
 ) -> None:
-    """Internal forces on some nodes [N]. Writes `out`, shape (len(nodes), 3)."""
+    """Internal forces on some nodes [N], each of their elements looked at once.
+
+    Args:
+        nodes: Rows of nodes.
+        solid: The organ.
+        u: Displacements [m].
+        found: Scratch.
+        place_of: -1 for every node, and again afterwards, shape (node_capacity,).
+        out: Written, shape (len(nodes), 3).
+    """
     elements = solid.elements
+    out[:] = 0.0
+    for place in range(len(nodes)):
+        place_of[nodes[place]] = place
     for place in range(len(nodes)):
         node = nodes[place]
-        F0 = F1 = F2 = 0.0
+        if place_of[node] != place:
+            continue  # Named again later.
         first = np.int64(elements.start[node])
         for entry in range(first, first + np.int64(elements.degree[node])):
             element = elements.data[entry]
+            earliest = place
+            for a in range(4):
+                other = place_of[elements.tets[element, a]]
+                if 0 <= other < earliest:
+                    earliest = other
+            if earliest < place:
+                continue
             volume, _ = respond(solid, u, element, found)
             if volume == 0.0:
                 continue
-            a = 0
-            while elements.tets[element, a] != node:
-                a += 1
-            f0, f1, f2 = _force(a, volume, found)
-            F0 += f0
-            F1 += f1
-            F2 += f2
-        out[place, 0], out[place, 1], out[place, 2] = F0, F1, F2
+            for a in range(4):
+                other = place_of[elements.tets[element, a]]
+                if other >= 0:
+                    f0, f1, f2 = _force(a, volume, found)
+                    out[other, 0] += f0
+                    out[other, 1] += f1
+                    out[other, 2] += f2
+    for place in range(len(nodes)):
+        for k in range(3):
+            out[place, k] = out[place_of[nodes[place]], k]
+    for node in nodes:
+        place_of[node] = -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
