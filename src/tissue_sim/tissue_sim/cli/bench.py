@@ -14,12 +14,22 @@ def bench(
     loop: Annotated[
         int, typer.Option(min=0, help="Instead: pairs of real-time runs with and without cuts.")
     ] = 0,
+    growth: Annotated[
+        bool, typer.Option(help="Instead: time of a step on blocks of up to 360,000 nodes.")
+    ] = False,
 ) -> None:
     """Steps a second of every model, next to what the machine's memory allows."""
     if loop:
         from tissue_sim.loop_study import run_study
 
         run_study(out.parent / "loop", loop)
+        return
+    if growth:
+        from tissue_sim.bench_growth import print_growth, run_growth
+
+        out = out.with_name("growth.json")
+        print_growth(run_growth(out, seconds))
+        typer.echo(f"written to {out}")
         return
     from tissue_sim.bench import print_table, run_bench
 
