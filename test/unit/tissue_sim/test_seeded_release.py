@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -203,7 +203,7 @@ def test_a_replay_with_seeding_is_bit_exact(model: str) -> None:
         samples = []
         for tool in level:
             places[tool] += random.normal(scale=1e-3, size=3)
-            edge = 0
+            edge: Literal[-1, 0, 1] = 0
             if random.random() < 0.2:
                 level[tool] = not level[tool]
                 edge = 1 if level[tool] else -1

@@ -62,7 +62,7 @@ class Seeding:
         self._outside = np.ones(capacity, dtype=np.bool_)
         self._rows = np.zeros((4, capacity), dtype=np.int32)
 
-    def seed(self, state: State, freed: Rows) -> Rows:
+    def seed(self, state: State, freed: Rows) -> NDArray[np.int32]:
         """Seed the surroundings of nodes that were let go of. Modifies the state in place.
 
         Args:
@@ -79,7 +79,7 @@ class Seeding:
             self._allocate()
         return self._seed(state, freed.astype(np.int32))
 
-    def _seed(self, state: State, freed: Rows) -> Rows:
+    def _seed(self, state: State, freed: NDArray[np.int32]) -> NDArray[np.int32]:
         mesh, incident, u = self.mesh, self.mesh.incident, state.displacement
         tissue = Tissue(incident.start, incident.count, incident.data, mesh.tets, mesh.rest)
         near, met, near_held, outer = self._rows

@@ -14,14 +14,14 @@ class Tissue(NamedTuple):
     """Which nodes are neighbours, and how far apart at rest.
 
     Attributes:
-        start, count, data: Elements by node, as in `Incidence`.
+        start, degree, items: Elements by node, as `start`, `count`, `data` of `Incidence`.
         tets: Node rows of each element, shape (element_capacity, 4).
         rest: Rest positions [m], shape (node_capacity, 3).
     """
 
     start: NDArray[np.int64]
-    count: NDArray[np.int32]
-    data: NDArray[np.int32]
+    degree: NDArray[np.int32]
+    items: NDArray[np.int32]
     tets: NDArray[np.int32]
     rest: NDArray[np.float64]
 
@@ -92,11 +92,16 @@ def _take(queue: Queue, size: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _way(rest: NDArray[np.float64], a: int, b: int) -> float:
+def _squared(rest: NDArray[np.float64], a: int, b: int) -> float:
     squared = 0.0
     for axis in range(3):
         squared += (rest[a, axis] - rest[b, axis]) ** 2
-    return math.sqrt(squared)
+    return squared
+
+
+@njit(cache=True, nogil=True)
+def _way(rest: NDArray[np.float64], a: int, b: int) -> float:
+    return math.sqrt(_squared(rest, a, b))
 
 
 @njit(cache=True, nogil=True)
@@ -131,14 +136,17 @@ def spread(
         size -= 1
         found[n_found] = i
         n_found += 1
-        for entry in range(tissue.start[i], tissue.start[i] + tissue.count[i]):
+        for entry in range(tissue.start[i], tissue.start[i] + tissue.degree[i]):
             for corner in range(4):
-                j = tissue.tets[tissue.data[entry], corner]
+                j = tissue.tets[tissue.items[entry], corner]
                 if queue.key[j] <= queue.key[i]:
                     continue
-                way = queue.key[i] + _way(tissue.rest, i, j)
-                if way > reach or way >= queue.key[j]:
+                squared = _squared(tissue.rest, i, j)
+                gain = min(queue.key[j], reach) - queue.key[i]
+                if squared >= gain * gain:
+                    # An edge is looked at from each of its elements: most looks end here.
                     continue
+                way = queue.key[i] + math.sqrt(squared)
                 if barred[j]:
                     if queue.key[j] == np.inf:
                         met[n_met] = j
@@ -197,9 +205,9 @@ def anchored(
             while size > 0 and verdict < 0:
                 i = _take(queue, size)
                 size -= 1
-                for entry in range(tissue.start[i], tissue.start[i] + tissue.count[i]):
+                for entry in range(tissue.start[i], tissue.start[i] + tissue.degree[i]):
                     for corner in range(4):
-                        j = tissue.tets[tissue.data[entry], corner]
+                        j = tissue.tets[tissue.items[entry], corner]
                         if fixed[j] or mark[j] == 1:
                             verdict = 1
                         elif queue.key[j] == np.inf and mark[j] == 0:
