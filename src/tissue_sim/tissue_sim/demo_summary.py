@@ -83,7 +83,7 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
         f"{summary['frames']} at {summary.get('published_hz') or 0.0:.2f} Hz, "
         f"{late} late ({share:.2f} %), {summary.get('lost_states') or 0} states lost",
     )
-    for name, title in (("step_ms", "model step [ms]"), ("pose_to_state_ms", "pose to state [ms]")):
+    for name, title in (("step_ms", "model step, ms"), ("pose_to_state_ms", "pose to state, ms")):
         table.add_row(title, _quantiles(summary.get(name)))
     table.add_row("model steps per second", f"{summary['model_steps_per_second']:.0f}")
     for grab in summary["grabs"]:
@@ -93,10 +93,10 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     for cut in summary["cuts"]:
         table.add_row("cut", _cut_in_words(cut))
     shares = ", ".join(f"{name} {100 * cpu:.0f}" for name, cpu in summary["cpu_share"].items())
-    table.add_row("processor time [% of a core]", shares)
+    table.add_row("processor time, % of a core", shares)
     table.add_row("load average before", f"{summary['load_average_before']:.2f}")
     table.add_row("replays bit for bit", "yes" if summary["replayed_bit_for_bit"] else "NO")
-    table.add_row("whole demo [s]", f"{summary['wall_seconds']:.1f}")
+    table.add_row("whole demo, s", f"{summary['wall_seconds']:.1f}")
     console.print(table)
 
 
@@ -104,7 +104,9 @@ def _quantiles(values: object) -> str:
     if not isinstance(values, dict):
         return "not counted"
     return ", ".join(
-        f"{name} {value:.2f}" for name, value in values.items() if isinstance(value, int | float)
+        f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value:,}"
+        for name, value in values.items()
+        if isinstance(value, int | float)
     )
 
 

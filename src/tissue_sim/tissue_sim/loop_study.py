@@ -193,7 +193,7 @@ def _print(console: Console, result: dict[str, Any]) -> None:
     table.add_row(
         "late with minus late without", f"{result['late_difference_median']:g} ({differences})"
     )
-    table.add_row("pose to state, p99 [ms]", f"{result['pose_to_state_p99_median']:.1f}")
+    table.add_row("pose to state, p99, ms", f"{result['pose_to_state_p99_median']:.1f}")
     if result["apply_ms_median"] is not None:
-        table.add_row("cut applied inside the loop [ms]", f"{result['apply_ms_median']:.2f}")
+        table.add_row("cut applied inside the loop, ms", f"{result['apply_ms_median']:.2f}")
     console.print(table)

@@ -118,5 +118,5 @@ class LatencyMeter:
             "p50": float(p50),
             "p99": float(p99),
             "max": float(max(self.milliseconds)),
-            "poses": float(len(self.milliseconds)),
+            "poses": len(self.milliseconds),
         }
