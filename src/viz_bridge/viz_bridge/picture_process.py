@@ -11,17 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from viz_bridge.picture_grid import draw_grid
+
 SIZE = (1280, 960)
 BACKGROUND, HORIZON = "#20262f", "#8b97a6"
 STEEL, PRESSED, SHAFT = "#d5dde6", "#ffc45c", "#9aa5b2"
 
 
 def draw(file: str, picture: str) -> None:
-    """Draw one saved moment."""
+    """Draw one saved moment, or several organs side by side."""
     import pyvista
 
     with np.load(file) as saved:
         arrays = {name: saved[name] for name in saved.files}
+    if "grid" in arrays:
+        draw_grid(arrays, picture)
+        return
     plotter = pyvista.Plotter(off_screen=True, window_size=list(SIZE), lighting="none")
     plotter.set_background(BACKGROUND, top=HORIZON)
     position, target, up = arrays["camera"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +69,8 @@ def _outward(
     return mean / length if length > 1e-6 else np.array([0.0, -1.0, 0.0])
 
 
-def save_moment(path: Path, moment: Moment, camera: Camera) -> None:
-    """Write all that a picture needs."""
+def arrays_of(moment: Moment, camera: Camera) -> dict[str, NDArray]:
+    """All that a picture needs."""
     arrays: dict[str, NDArray] = {
         "camera": np.stack([camera.position, camera.target, camera.up]),
         "words": np.array([moment.caption, f"t = {moment.sim_time:.2f} s, frame {moment.frame}"]),
@@ -90,7 +89,7 @@ def save_moment(path: Path, moment: Moment, camera: Camera) -> None:
     for number, tool in enumerate(drawn):
         arrays[f"tool{number}"] = tool_outline(tool, handle)
         arrays[f"tool{number}_pressed"] = np.array(tool.use)
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    return arrays
 
 
 def handle_direction(camera: Camera) -> NDArray[np.float64]:

@@ -10,8 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from viz_bridge.moments import Moment, find_moments
-from viz_bridge.picture_scene import camera_of, save_moment
+from viz_bridge.picture_scene import arrays_of, camera_of
 
 SECONDS_PER_PICTURE = 60.0
 NO_DRIVER = (
@@ -66,19 +69,24 @@ def render(
 
 def render_moments(moments: list[Moment], folder: Path) -> Pictures:
     """Render moments, each into a file of its name; see `render`."""
-    folder.mkdir(parents=True, exist_ok=True)
     camera = camera_of(moments)
+    return render_files({moment.name: arrays_of(moment, camera) for moment in moments}, folder)
+
+
+def render_files(pictures: dict[str, dict[str, NDArray]], folder: Path) -> Pictures:
+    """Render pictures, given as the arrays that `picture_process` draws, by name of the file."""
+    folder.mkdir(parents=True, exist_ok=True)
     reason = ""
     with tempfile.TemporaryDirectory(prefix="tissue_pictures_") as scratch:
         pairs: list[str] = []
-        for moment in moments:
-            saved = Path(scratch) / f"{moment.name}.npz"
-            save_moment(saved, moment, camera)
-            pairs += [str(saved), str(Path(scratch) / f"{moment.name}.png")]
+        for name, arrays in pictures.items():
+            saved = Path(scratch) / f"{name}.npz"
+            np.savez(saved, **arrays)  # type: ignore[arg-type]
+            pairs += [str(saved), str(Path(scratch) / f"{name}.png")]
         for extra in _ENVIRONMENTS:
             reason = _run(pairs, extra)
             written = [Path(name) for name in pairs[1::2] if Path(name).is_file()]
-            if len(written) == len(moments):
+            if len(written) == len(pictures):
                 break
         files = []
         for picture in written:
