@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support.small_block import pose_of
 from tissue_sim.elastic import registry
-from tissue_sim.frame import Budget, FrameInputs, ToolSample
+from tissue_sim.frame import Budget, Edge, FrameInputs, ToolSample
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block, wall
 from tissue_sim.interaction.tools import ToolSpec
@@ -71,7 +71,7 @@ def drag(simulation: Simulation, way: Drag, seconds: float = SECONDS) -> float:
     places = way.places()
     budget = Budget(steps=STEPS if simulation.model.time_step is None else None)
     for number, place in enumerate(places):
-        edge = 1 if number == 0 else 0
+        edge: Edge = 1 if number == 0 else 0
         sample = ToolSample("grasper", pose_of(place), 1, True, edge)
         frame = simulation.advance(FrameInputs(tools=(sample,)), budget)
         assert np.isfinite(frame.positions).all()

@@ -60,8 +60,7 @@ class SpringArrays(NamedTuple):
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def _pull(i, springs, u, tiny):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Internal force on node i [N], the sum of the stiffnesses of its springs [N/m], and the sum of
-    what those under tension resist across themselves, k (1 - l0/l) [N/m]."""
+    """Internal force on node i [N]; what its springs resist [N/m] along and, if taut, across."""
     rest, start, degree, neighbour, stiffness, length = springs
     X0, X1, X2 = rest[i, 0], rest[i, 1], rest[i, 2]
     u0, u1, u2 = u[i, 0], u[i, 1], u[i, 2]
@@ -79,7 +78,7 @@ def _pull(i, springs, u, tiny):  # type: ignore[no-untyped-def] # noqa: ANN001, 
         F1 += pull * e1
         F2 += pull * e2
         K += stiffness[spring]
-        across += max(pull, tiny - tiny)
+        across += max(pull, tiny - tiny)  # k (1 - l0/l)
     return F0, F1, F2, K, across
 
 
