@@ -170,6 +170,20 @@ def test_released_nodes_start_from_rest_in_every_model_and_the_session_goes_on(m
     assert np.isfinite(state.displacement[: mesh.node_rows]).all()
 
 
+@pytest.mark.parametrize("model", ["lr", "quasi_static", "vertex_block_descent"])
+def test_seeded_nodes_do_not_repeat_the_moves_of_an_earlier_release(model: str) -> None:
+    simulation = block_simulation(LEFT, RIGHT, model=model, parameters={model: {"levels": 1}})
+    grab_and_pull(simulation, "left", 0.0, 0.004, 0.003)
+    grab_and_pull(simulation, "right", 0.0, 0.003, 0.0)
+    let_go(simulation, "left", steps=3)
+    lingering = simulation.model.active.lingering  # type: ignore[attr-defined]
+    near = np.flatnonzero(lingering._last_move.any(axis=1)).astype(np.int32)
+    assert len(near) > 10
+    simulation.model.nodes_placed(near[:5])
+    np.testing.assert_array_equal(lingering._last_move[near[:5]], 0.0)
+    assert lingering._last_move[near[5:]].any(axis=1).all()
+
+
 @pytest.mark.parametrize("model", registry.names())
 def test_off_is_what_it_was_before(model: str) -> None:
     def run(scene: dict[str, Any]) -> NDArray[np.float32]:

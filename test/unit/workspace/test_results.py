@@ -6,8 +6,9 @@ import json
 import statistics
 from pathlib import Path
 
-from tissue_sim import loop_study
+from tissue_sim import loop_study, release_study
 from tissue_sim.loop_study import WITH, LoopRow, as_markdown
+from tissue_sim.release_study import MODELS, RADII
 
 
 def test_the_study_of_the_loop_is_shown_as_it_came_out(repository: Path) -> None:
@@ -21,3 +22,41 @@ def test_the_study_of_the_loop_is_shown_as_it_came_out(repository: Path) -> None
     assert result["late_share_median"] < 0.01
     assert result["pose_to_state_p99_median"] < 25.0
     assert statistics.median(ms for row in rows if row.variant == WITH for ms in row.apply_ms) < 2.0
+
+
+def test_the_study_of_releases_is_shown_as_it_came_out(repository: Path) -> None:
+    file = repository / "docs/results/seeded_release.json"
+    result = json.loads(file.read_text(encoding="utf-8"))
+    page = (repository / "docs/seeded_release.md").read_text(encoding="utf-8")
+    assert release_study.as_markdown(result) in page
+    rows = {
+        (row["geometry"], row["model"], row["radius"]): release_study.ReleaseRow(**row)
+        for row in result["rows"]
+    }
+    wanted = {(g, m, r) for g, of in MODELS.items() for m in of for r in RADII}
+    assert set(rows) == wanted
+    # What was to be shown, and is: iterating models return from far in a fraction of the steps.
+    for model in ("lr", "vertex_block_descent"):
+        plain, seeded = (rows["heart", model, radius].steps[0] for radius in (0.0, 0.04))
+        assert plain is not None
+        assert seeded is not None
+        assert seeded < 0.2 * plain
+    # Spot check: steps depend on nothing but the code.
+    again = release_study.released("wall", "lr", 0.04, 300)
+    for now, then in zip(again.steps, rows["wall", "lr", 0.04].steps, strict=True):
+        assert now is not None
+        assert then is not None
+        assert abs(now - then) <= 0.1 * then
+    assert again.seeded == rows["wall", "lr", 0.04].seeded
+
+
+def test_the_bench_is_shown_as_it_came_out(repository: Path) -> None:
+    page = (repository / "docs/benchmarks.md").read_text(encoding="utf-8")
+    steps = json.loads((repository / "docs/results/bench.json").read_text(encoding="utf-8"))
+    growth = json.loads((repository / "docs/results/growth.json").read_text(encoding="utf-8"))
+    assert bench.as_markdown(steps) in page
+    assert bench_growth.as_markdown(growth) in page
+    assert bench_growth.slopes(growth["rows"]) == growth["slopes"]
+    assert [(row["model"], row["geometry"]) for row in steps["rows"]] == [
+        (case.label, case.geometry) for case in bench.CASES
+    ]
