@@ -188,18 +188,17 @@ def respond(
         V [m^3] and the energy [J]; zeros for an element without volume, of which nothing is
         written.
     """
+    tets, rest, (lam, mu), keep = solid.elements.tets, solid.rest, solid.lame, solid.keep
     g, T, M, C, U, V, F = out
-    tet = solid.elements.tets[element]
-    if tet[0] < 0:
+    i0, i1, i2, i3 = tets[element, 0], tets[element, 1], tets[element, 2], tets[element, 3]
+    if i0 < 0:
         return 0.0, 0.0
-    volume = shape_gradients(solid.rest, solid.elements.tets, element, g)
+    volume = shape_gradients(rest, tets, element, g)
     if volume == 0.0:
         return 0.0, 0.0
-    lam, mu = solid.lame
-    keep = solid.keep
     for i in range(3):
-        base = np.float64(u[tet[0], i])
-        a, b, c = u[tet[1], i] - base, u[tet[2], i] - base, u[tet[3], i] - base
+        base = np.float64(u[i0, i])
+        a, b, c = u[i1, i] - base, u[i2, i] - base, u[i3, i] - base
         for j in range(3):
             F[i, j] = a * g[1, j] + b * g[2, j] + c * g[3, j]
     for i in range(3):
@@ -263,20 +262,21 @@ def _block(a, b, volume, lame, found, out):  # type: ignore[no-untyped-def] # no
     M = found.twist
     g0, g1, g2 = found.gradients[a, 0], found.gradients[a, 1], found.gradients[a, 2]
     h0, h1, h2 = found.gradients[b, 0], found.gradients[b, 1], found.gradients[b, 2]
-    g, h = (g0, g1, g2), (h0, h1, h2)
     dot = mu * (g0 * h0 + g1 * h1 + g2 * h2)
-    for j in range(3):
-        # Column j of [h]x is h x e_j.
-        c0 = h1 if j == 2 else (-h2 if j == 1 else 0.0)
-        c1 = h2 if j == 0 else (-h0 if j == 2 else 0.0)
-        c2 = h0 if j == 1 else (-h1 if j == 0 else 0.0)
-        w0 = volume * (M[0, 0] * c0 + M[0, 1] * c1 + M[0, 2] * c2)
-        w1 = volume * (M[1, 0] * c0 + M[1, 1] * c1 + M[1, 2] * c2)
-        w2 = volume * (M[2, 0] * c0 + M[2, 1] * c1 + M[2, 2] * c2)
-        out[0, j] = lam * g0 * h[j] + mu * h0 * g[j] - (g1 * w2 - g2 * w1)
-        out[1, j] = lam * g1 * h[j] + mu * h1 * g[j] - (g2 * w0 - g0 * w2)
-        out[2, j] = lam * g2 * h[j] + mu * h2 * g[j] - (g0 * w1 - g1 * w0)
-        out[j, j] += dot
+    x, y, z = volume * h0, volume * h1, volume * h2
+    # Columns w_j = V M (h x e_j) of V M [h]x; [g]x^T w = -(g x w).
+    u0, u1, u2 = M[0, 1] * z - M[0, 2] * y, M[1, 1] * z - M[1, 2] * y, M[2, 1] * z - M[2, 2] * y
+    v0, v1, v2 = M[0, 2] * x - M[0, 0] * z, M[1, 2] * x - M[1, 0] * z, M[2, 2] * x - M[2, 0] * z
+    w0, w1, w2 = M[0, 0] * y - M[0, 1] * x, M[1, 0] * y - M[1, 1] * x, M[2, 0] * y - M[2, 1] * x
+    out[0, 0] = (lam + mu) * g0 * h0 + dot - (g1 * u2 - g2 * u1)
+    out[0, 1] = lam * g0 * h1 + mu * h0 * g1 - (g1 * v2 - g2 * v1)
+    out[0, 2] = lam * g0 * h2 + mu * h0 * g2 - (g1 * w2 - g2 * w1)
+    out[1, 0] = lam * g1 * h0 + mu * h1 * g0 - (g2 * u0 - g0 * u2)
+    out[1, 1] = (lam + mu) * g1 * h1 + dot - (g2 * v0 - g0 * v2)
+    out[1, 2] = lam * g1 * h2 + mu * h1 * g2 - (g2 * w0 - g0 * w2)
+    out[2, 0] = lam * g2 * h0 + mu * h2 * g0 - (g0 * u1 - g1 * u0)
+    out[2, 1] = lam * g2 * h1 + mu * h2 * g1 - (g0 * v1 - g1 * v0)
+    out[2, 2] = (lam + mu) * g2 * h2 + dot - (g0 * w1 - g1 * w0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
