@@ -428,3 +428,28 @@ def test_steps_allocate_no_arrays() -> None:
         peaks.append(tracemalloc.get_traced_memory()[1] - before)
         tracemalloc.stop()
     assert min(peaks) < 8192
+
+
+def test_a_lost_state_that_is_put_back_is_taken_up_again() -> None:
+    mesh = block_mesh(6)
+    model, state = single(mesh)
+    held = hold(model, state, top_ball(mesh), mesh)
+    state.displacement[held] = [0.003, 0, 0.01]
+    steps(model, state, 100)
+    good = state.displacement.copy()
+    solver = model.corotated
+    assert solver is not None
+    solver.shape[50] = np.nan
+    solver.tangent.now.blocks[:] = np.nan
+    steps(model, state, 3)
+    assert np.isnan(state.displacement).any()
+    state.displacement[:] = good
+    model.prescribed_changed(state, held)
+    settle(model, state)
+    assert np.isfinite(state.displacement).all()
+    found = state.displacement.copy()
+    fresh, state = single(mesh)
+    hold(fresh, state, held.tolist(), mesh)
+    state.displacement[held] = [0.003, 0, 0.01]
+    settle(fresh, state)
+    assert np.abs(state.displacement - found).max() < 1e-3 * 0.01
