@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tissue_sim.bench import hold_for
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import State
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
@@ -127,21 +128,25 @@ def released(geometry: str, model: str, radius: float, most: int) -> ReleaseRow:
     )
     return ReleaseRow(
         geometry, model, radius, moved, tuple(steps), frames, start, inverted,
-        seeding_ms(mesh, before, freed, radius),
+        seeding_ms(simulation, before, freed, radius),
     )  # fmt: skip
 
 
 def seeding_ms(
-    mesh: Mesh, displacement: NDArray[np.floating], freed: NDArray[np.int32], radius: float
+    simulation: Simulation,
+    displacement: NDArray[np.floating],
+    freed: NDArray[np.int32],
+    radius: float,
 ) -> float:
     """Processor time of the seeding of a release [ms], best of three."""
     if radius == 0.0:
         return 0.0
+    mesh, springs = simulation.mesh, SpringNetwork(simulation.mesh, simulation.scene.material)
     seeding, state, times = Seeding(mesh, radius), State(mesh), []
     for _ in range(3):
         state.displacement[:] = displacement
         begin = time.thread_time()
-        seeding.seed(state, freed)
+        seeding.seed(state, freed, springs)
         times.append(time.thread_time() - begin)
     return 1e3 * min(times)
 

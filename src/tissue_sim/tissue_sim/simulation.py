@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tissue_sim.commands import execute
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.frame import (
     Answer,
     AppliedEdit,
@@ -96,6 +97,7 @@ class Simulation:
         self.model: Model = self.build_model(self.scene.model, {})
         self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
         self.model.prescribed_changed(self.state, self.holds.rows)
+        self._seeding.warm_up(self._network)
         self._prepared: dict[str, tuple[int, Model]] = {}
         self._checked: dict[int, CheckedEdit] = {}
         self._good = self.state.displacement.copy()
@@ -352,10 +354,17 @@ class Simulation:
         places: NDArray[np.float64] = self.mesh.rest[rows] + self.state.displacement[rows]
         return places
 
+    @property
+    def _network(self) -> SpringNetwork:
+        """Which nodes are neighbours; every model of a mesh keeps it up to date."""
+        network: SpringNetwork = self.model.springs  # type: ignore[attr-defined]
+        return network
+
     def _holds_changed(self) -> None:
         np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
         if self._unseeded and not self.paused:
             freed = np.unique(np.concatenate(self._unseeded))
             self._unseeded.clear()
-            self.model.nodes_placed(self._seeding.seed(self.state, freed))
+            seeded = self._seeding.seed(self.state, freed, self._network)
+            self.model.nodes_placed(seeded)
         self.model.prescribed_changed(self.state, self.holds.rows)

@@ -14,7 +14,8 @@ from scipy.sparse.csgraph import dijkstra
 from support.small_block import CORNER, block_mesh, block_simulation, pose_of, tool_at
 from support.split_edit import split_at
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.model import State
+from tissue_sim.elastic.model import Material, State
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.frame import Budget, Command, FrameInputs, JournalEntry, ToolSample
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.seeding import Seeding
@@ -30,6 +31,10 @@ LEFT, RIGHT = tool_at(CORNER, "left"), tool_at((0.0, 0.06, 0.06), "right")
 
 def corner_node(mesh: Mesh, place: tuple[float, float, float] = CORNER) -> int:
     return int(np.linalg.norm(mesh.rest[: mesh.node_rows] - place, axis=1).argmin())
+
+
+def network(mesh: Mesh) -> SpringNetwork:
+    return SpringNetwork(mesh, Material())
 
 
 def displaced(mesh: Mesh) -> State:
@@ -72,7 +77,7 @@ def test_the_weights_are_those_of_the_distance_along_edges() -> None:
     source = corner_node(mesh)
     state = displaced(mesh)
     before = state.displacement.copy()
-    Seeding(mesh, RADIUS).seed(state, np.array([source]))
+    Seeding(mesh, RADIUS).seed(state, np.array([source]), network(mesh))
     rows = mesh.node_rows
     share = ways(mesh, [source], mesh.fixed[:rows]) / RADIUS
     expected = smooth(np.minimum(share, 1.0))[:, None] * before[:rows]
@@ -88,9 +93,9 @@ def test_a_second_seeding_is_as_good_as_the_first() -> None:
     mesh = block_mesh(7)
     seeding, sources = Seeding(mesh, RADIUS), np.array([corner_node(mesh)])
     first, again = displaced(mesh), displaced(mesh)
-    Seeding(mesh, RADIUS).seed(first, sources)
-    seeding.seed(displaced(mesh), np.array([corner_node(mesh, (0.03, 0.03, 0.03))]))
-    seeding.seed(again, sources)
+    Seeding(mesh, RADIUS).seed(first, sources, network(mesh))
+    seeding.seed(displaced(mesh), np.array([corner_node(mesh, (0.03, 0.03, 0.03))]), network(mesh))
+    seeding.seed(again, sources, network(mesh))
     np.testing.assert_array_equal(again.displacement, first.displacement)
 
 
@@ -100,7 +105,7 @@ def test_held_nodes_stay_and_the_blend_ends_at_them() -> None:
     held = np.flatnonzero(np.abs(mesh.rest[: mesh.node_rows, 0] - 0.045) < 1e-9)
     state.prescribed[held] = True
     before, rows = state.displacement.copy(), mesh.node_rows
-    Seeding(mesh, RADIUS).seed(state, np.array([source]))
+    Seeding(mesh, RADIUS).seed(state, np.array([source]), network(mesh))
     np.testing.assert_array_equal(state.displacement[held], before[held])
     beyond = mesh.rest[:rows, 0] < 0.045 - 1e-9
     np.testing.assert_array_equal(state.displacement[:rows][beyond], before[:rows][beyond])
@@ -119,10 +124,11 @@ def test_held_nodes_stay_and_the_blend_ends_at_them() -> None:
 def test_a_cut_is_not_crossed() -> None:
     mesh = block_mesh(9)
     source = corner_node(mesh, (0.0375, 0.06, 0.06))
-    mesh.apply(split_at(mesh, 0.03))
+    springs = network(mesh)
+    springs.follow(mesh.apply(split_at(mesh, 0.03)))
     state = displaced(mesh)
     before, rows = state.displacement.copy(), mesh.node_rows
-    Seeding(mesh, RADIUS).seed(state, np.array([source]))
+    Seeding(mesh, RADIUS).seed(state, np.array([source]), springs)
     d = ways(mesh, [source], mesh.fixed[:rows])
     other = ~np.isfinite(d) & ~mesh.fixed[:rows]
     close = np.linalg.norm(mesh.rest[:rows] - mesh.rest[source], axis=1) < 0.02
@@ -135,17 +141,18 @@ def test_a_piece_without_fixed_nodes_is_left_alone() -> None:
     mesh = block_mesh(7)
     mesh.fixed[: mesh.node_rows] = mesh.rest[: mesh.node_rows, 0] < 1e-9
     loose, kept = corner_node(mesh), corner_node(mesh, (0.01, 0.06, 0.06))
-    mesh.apply(split_at(mesh, 0.03))
+    springs = network(mesh)
+    springs.follow(mesh.apply(split_at(mesh, 0.03)))
     state = displaced(mesh)
     before = state.displacement.copy()
     seeding = Seeding(mesh, RADIUS)
-    assert len(seeding.seed(state, np.array([loose]))) == 0
+    assert len(seeding.seed(state, np.array([loose]), springs)) == 0
     np.testing.assert_array_equal(state.displacement, before)
-    moved = seeding.seed(state, np.array([loose, kept]))
+    moved = seeding.seed(state, np.array([loose, kept]), springs)
     assert (mesh.rest[moved, 0] <= 0.03 + 1e-9).all()
     np.testing.assert_array_equal(state.displacement[kept], 0.0)
     mesh.fixed[:] = False
-    assert len(Seeding(mesh, RADIUS).seed(state, np.array([loose, kept]))) == 0
+    assert len(Seeding(mesh, RADIUS).seed(state, np.array([loose, kept]), springs)) == 0
 
 
 @pytest.mark.parametrize("model", registry.names())

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import State
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels import seeding
 from tissue_sim.kernels.seeding import Queue, Tissue
@@ -46,8 +47,13 @@ class Seeding:
         self.mesh, self.radius = mesh, radius
         if radius > 0.0:
             self._allocate()
-            # Compile or load the kernels now rather than in the frame of the first release.
-            self.seed(State(mesh), np.flatnonzero(mesh.node_alive & ~mesh.fixed)[:1])
+
+    def warm_up(self, springs: SpringNetwork) -> None:
+        """Compile or load the kernels now rather than in the frame of the first release."""
+        if self.radius == 0.0:
+            return
+        free = np.flatnonzero(self.mesh.node_alive & ~self.mesh.fixed)
+        self.seed(State(self.mesh), free[:1], springs)
 
     def _allocate(self) -> None:
         capacity = self.mesh.node_capacity
@@ -62,12 +68,13 @@ class Seeding:
         self._outside = np.ones(capacity, dtype=np.bool_)
         self._rows = np.zeros((4, capacity), dtype=np.int32)
 
-    def seed(self, state: State, freed: Rows) -> NDArray[np.int32]:
+    def seed(self, state: State, freed: Rows, springs: SpringNetwork) -> NDArray[np.int32]:
         """Seed the surroundings of nodes that were let go of. Modifies the state in place.
 
         Args:
             state: Displacements, and which nodes are fixed or held now.
             freed: Rows of the nodes; those held again or gone do not count.
+            springs: The network of the mesh's edges.
 
         Returns:
             Rows of the nodes that may have been moved; a view, valid until the next call.
@@ -77,11 +84,12 @@ class Seeding:
             return np.empty(0, dtype=np.int32)
         if len(self._anchored) < self.mesh.node_capacity:
             self._allocate()
-        return self._seed(state, freed.astype(np.int32))
+        arrays = springs.arrays
+        tissue = Tissue(arrays.start, arrays.degree, arrays.neighbour, self.mesh.rest)
+        return self._seed(state, freed.astype(np.int32), tissue)
 
-    def _seed(self, state: State, freed: NDArray[np.int32]) -> NDArray[np.int32]:
-        mesh, incident, u = self.mesh, self.mesh.incident, state.displacement
-        tissue = Tissue(incident.start, incident.count, incident.data, mesh.tets, mesh.rest)
+    def _seed(self, state: State, freed: NDArray[np.int32], tissue: Tissue) -> NDArray[np.int32]:
+        mesh, u = self.mesh, state.displacement
         near, met, near_held, outer = self._rows
         if self._version != mesh.version:
             self._anchored[:] = 0

@@ -14,15 +14,13 @@ class Tissue(NamedTuple):
     """Which nodes are neighbours, and how far apart at rest.
 
     Attributes:
-        start, degree, items: Elements by node, as `start`, `count`, `data` of `Incidence`.
-        tets: Node rows of each element, shape (element_capacity, 4).
+        start, degree, neighbour: Neighbours by node, as in `SpringArrays`.
         rest: Rest positions [m], shape (node_capacity, 3).
     """
 
-    start: NDArray[np.int64]
-    degree: NDArray[np.int32]
-    items: NDArray[np.int32]
-    tets: NDArray[np.int32]
+    start: NDArray[np.uint32]
+    degree: NDArray[np.uint32]
+    neighbour: NDArray[np.uint32]
     rest: NDArray[np.float64]
 
 
@@ -137,23 +135,21 @@ def spread(
         found[n_found] = i
         n_found += 1
         for entry in range(tissue.start[i], tissue.start[i] + tissue.degree[i]):
-            for corner in range(4):
-                j = tissue.tets[tissue.items[entry], corner]
-                if queue.key[j] <= queue.key[i]:
-                    continue
-                squared = _squared(tissue.rest, i, j)
-                gain = min(queue.key[j], reach) - queue.key[i]
-                if squared >= gain * gain:
-                    # An edge is looked at from each of its elements: most looks end here.
-                    continue
-                way = queue.key[i] + math.sqrt(squared)
-                if barred[j]:
-                    if queue.key[j] == np.inf:
-                        met[n_met] = j
-                        n_met += 1
-                    queue.key[j] = way
-                else:
-                    size = _put(queue, size, j, way)
+            j = tissue.neighbour[entry]
+            if queue.key[j] <= queue.key[i]:
+                continue
+            squared = _squared(tissue.rest, i, j)
+            gain = min(queue.key[j], reach) - queue.key[i]
+            if squared >= gain * gain:
+                continue
+            way = queue.key[i] + math.sqrt(squared)
+            if barred[j]:
+                if queue.key[j] == np.inf:
+                    met[n_met] = j
+                    n_met += 1
+                queue.key[j] = way
+            else:
+                size = _put(queue, size, j, way)
     return n_found, n_met
 
 
@@ -206,14 +202,13 @@ def anchored(
                 i = _take(queue, size)
                 size -= 1
                 for entry in range(tissue.start[i], tissue.start[i] + tissue.degree[i]):
-                    for corner in range(4):
-                        j = tissue.tets[tissue.items[entry], corner]
-                        if fixed[j] or mark[j] == 1:
-                            verdict = 1
-                        elif queue.key[j] == np.inf and mark[j] == 0:
-                            size = _put(queue, size, j, _way(tissue.rest, j, target))
-                            visited[n_visited] = j
-                            n_visited += 1
+                    j = tissue.neighbour[entry]
+                    if fixed[j] or mark[j] == 1:
+                        verdict = 1
+                    elif queue.key[j] == np.inf and mark[j] == 0:
+                        size = _put(queue, size, j, _way(tissue.rest, j, target))
+                        visited[n_visited] = j
+                        n_visited += 1
             for place in range(begin, n_visited):
                 mark[visited[place]] = verdict
                 queue.key[visited[place]] = np.inf
