@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from support.elastic_scenes import split_edit
 from support.small_block import pose_of
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.model import State
+from tissue_sim.elastic.model import Material, State
 from tissue_sim.frame import Budget, Command, Edge, Frame, FrameInputs, ToolSample
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.scene import Scene
@@ -201,3 +203,45 @@ def test_defaults_and_limits_are_within_the_limits(model: str) -> None:
     for p in registry.parameters_of(model):
         for value in (p.default, p.minimum, p.maximum):
             assert p.checked(value) == value
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"time_step": 0.01}, "time_step = 0.01 s is not stable .* allowed: up to .* s"),
+        ({"integrator": 1, "damping": 0.0}, "damping = 0 is not stable .* allowed: more than 0"),
+        ({"integrator": 2, "damping": 0.0}, "damping = 0 is not stable .* allowed: more than 0"),
+        ({"home_stiffness": 1e6}, "home_stiffness = .* has been cut, .* allowed: 0"),
+    ],
+)
+def test_what_this_tissue_cannot_carry_is_refused_and_the_model_runs_on(
+    parameters: dict[str, float], said: str
+) -> None:
+    simulation = simulation_of("lr")
+    pull(simulation)
+    frame_of(simulation, PULL, edits=(split_edit(simulation.mesh, 0.03, above=0.02),))
+    running, before = simulation.model, simulation.state.displacement.copy()
+    command = Command("set_model", {"model": "spring_mass", "parameters": parameters})
+    answer = simulation.advance(FrameInputs((command,)), Budget(steps=0)).answers[0]
+    assert (answer.success, answer.error) == (False, "OUT_OF_RANGE")
+    assert re.search(said, answer.message)
+    assert simulation.model is running
+    np.testing.assert_array_equal(simulation.state.displacement, before)
+    frame_of(simulation, PULL)
+
+
+@pytest.mark.parametrize("model", ALL)
+@pytest.mark.parametrize("tet", [[0, 1, 2, 3], [0, 1, 2, 2], [0, 2, 1, 4]])
+def test_elements_without_volume_are_refused(model: str, tet: list[int]) -> None:
+    points = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]])
+    mesh = Mesh(RawMesh(points, np.array([[0, 1, 2, 4], tet])))
+    with pytest.raises(ValueError, match=r"1 of 2 elements are flat or inside out .* allowed:"):
+        Simulation(mesh, Scene(model=model))
+
+
+@pytest.mark.parametrize("model", ALL)
+@pytest.mark.parametrize("wrong", [0.5, 0.7, -0.1, np.nan])
+def test_impossible_materials_are_refused(model: str, wrong: float) -> None:
+    raw = block(3, 3, 3)
+    with pytest.raises(ValueError, match=f"poisson_ratio = {wrong:g} is out of range; allowed: 0"):
+        Simulation(Mesh(raw), Scene(model=model, material=Material(poisson_ratio=wrong)))

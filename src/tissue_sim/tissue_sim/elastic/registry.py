@@ -17,6 +17,7 @@ from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.quality import count_flat
 from tissue_sim.geometry.raw_mesh import RawMesh
 
 MODELS: dict[str, type[MeshModel]] = {
@@ -92,6 +93,7 @@ def build(
     """
     values = checked_parameters(name, parameters or {})
     check_material(material)
+    check_elements(mesh)
     if springs is not None and not _fits(springs, mesh, material):
         springs = None
     model: Model = MODELS[name](mesh, material, values, springs)
@@ -120,6 +122,22 @@ def check_material(material: Material) -> None:
         raise ValueError(
             f"poisson_ratio = {material.poisson_ratio:g} is out of range; "
             "allowed: 0 up to, not including, 0.5"
+        )
+
+
+def check_elements(mesh: Mesh) -> None:
+    """Refuse elements that no model can carry: masses, stiffnesses and forces divide by volumes.
+
+    Raises:
+        ValueError: An element has no positive volume at rest.
+    """
+    tets = mesh.tets[: mesh.element_rows][mesh.element_alive[: mesh.element_rows]]
+    nowhere = np.full(mesh.node_capacity, -1, dtype=np.int32)
+    flat = count_flat(mesh.rest, nowhere, np.empty((0, 3)), tets)
+    if flat:
+        raise ValueError(
+            f"{flat} of {len(tets)} elements are flat or inside out at rest; "
+            "allowed: right-handed tetrahedra of positive volume"
         )
 
 
