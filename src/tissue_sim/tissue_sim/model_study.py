@@ -150,13 +150,15 @@ def pull_of(geometry: str) -> Pull:
     return Pull(geometry, mesh, held, 0.010 * away / np.linalg.norm(away))
 
 
-def study(geometries: tuple[str, ...] = ("wall", "heart")) -> Iterator[Shape]:
-    """Pull every model on every geometry; the first of each geometry is the reference."""
+def study(
+    geometries: tuple[str, ...] = ("wall", "heart"), variants: tuple[Variant, ...] = VARIANTS
+) -> Iterator[Shape]:
+    """Pull every variant on every geometry; the first of them is what the others differ from."""
     for geometry in geometries:
         pull = pull_of(geometry)
         springs = SpringNetwork(pull.mesh, Material())
         reference = None
-        for variant in VARIANTS:
+        for variant in variants:
             displacement, steps, at_rest = _pulled(variant, pull, springs)
             if reference is None:
                 reference = displacement

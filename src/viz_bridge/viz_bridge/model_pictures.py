@@ -16,11 +16,14 @@ from viz_bridge.picture_scene import VIEW_ANGLE, Camera
 from viz_bridge.pictures import Pictures, render_files
 
 COLUMNS = 3
-PANEL = (420, 360)
+PANEL = (380, 310)
 """Width and height of one model in a picture [pixels]."""
 FROM = {"wall": (0.8, 1.0, 0.55), "heart": (0.9, -0.75, 0.05)}
 """Where each geometry is looked at from."""
-SPACE = {"wall": 0.85, "heart": 1.02}
+RAISED = {"wall": -0.04, "heart": 0.14}
+"""How far the camera looks above the middle, in radii of that sphere."""
+
+SPACE = {"wall": 0.84, "heart": 1.02}
 """Distance of the camera over the least from which the sphere around the geometry is in view."""
 
 
@@ -115,5 +118,5 @@ def camera_of_pull(pull: Pull) -> Camera:
     distance = SPACE.get(pull.geometry, 1.0) * radius / np.sin(np.radians(VIEW_ANGLE / 2))
     up = np.array([0.0, 0.0, 1.0])
     # Lower in the picture, so that the words have the top to themselves.
-    target = middle + 0.14 * radius * up
+    target = middle + RAISED.get(pull.geometry, 0.1) * radius * up
     return Camera(target + distance * direction, target, up)

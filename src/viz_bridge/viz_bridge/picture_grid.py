@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from viz_bridge.picture_scene import VIEW_ANGLE
 
-PAPER, INK, GREY, HELD = "#ffffff", "#1c2530", "#5b6673", "#111111"
-COLORS = "viridis"
-BAR = 70
+PAPER, INK, GREY, HELD = "#f1f3f6", "#1c2530", "#5b6673", "#111111"
+COLORS = "YlOrRd"
+BAR = 58
 """Height of the strip with the colour bar [pixels]."""
 
 
@@ -44,10 +44,11 @@ def draw_grid(arrays: dict[str, NDArray], picture: str) -> None:
         number += 1
     plotter.subplot(rows, 0)
     plotter.add_scalar_bar(
-        title="displacement [mm]", mapper=mapper, n_labels=5, fmt="%.0f", color=INK,
-        width=0.5, height=0.75, position_x=0.25, position_y=0.12,
-        title_font_size=15, label_font_size=14,
+        title="", mapper=mapper, n_labels=round(limits[1] / 2) + 1, fmt="%.0f", color=INK,
+        width=0.55, height=0.7, position_x=0.35, position_y=0.15,
+        label_font_size=14,
     )  # fmt: skip
+    plotter.add_text("displacement [mm]", position=(24, 20), font_size=11, color=INK)
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     plotter.screenshot(picture)
     plotter.close()
@@ -64,7 +65,7 @@ def _add_panel(plotter: Any, part: dict[str, NDArray], limits: list[float], heig
     actor = plotter.add_mesh(
         surface, scalars="mm", clim=limits, cmap=COLORS, show_scalar_bar=False,
         smooth_shading=not edges, show_edges=edges, edge_color="#2b3542", edge_opacity=0.35,
-        ambient=0.35, diffuse=0.75, specular=0.08,
+        ambient=0.42, diffuse=0.72, specular=0.08,
     )  # fmt: skip
     position, target, up = part["camera"]
     if len(part["held"]):
@@ -75,8 +76,8 @@ def _add_panel(plotter: Any, part: dict[str, NDArray], limits: list[float], heig
     plotter.camera.up, plotter.camera.view_angle = tuple(up), VIEW_ANGLE
     plotter.reset_camera_clipping_range()
     title, words = (str(text) for text in part["words"])
-    plotter.add_text(title, position=(10, height - 26), font_size=11, color=INK)
-    plotter.add_text(words, position=(10, height - 46), font_size=9, color=GREY)
+    plotter.add_text(title, position=(10, height - 26), font_size=9, color=INK)
+    plotter.add_text(words, position=(10, height - 46), font_size=8, color=GREY)
     return actor.mapper
 
 

@@ -6,7 +6,8 @@ import json
 import statistics
 from pathlib import Path
 
-from tissue_sim import loop_study, release_study
+from tissue_sim import bench, bench_growth, loop_study, model_study, release_study
+from tissue_sim.elastic import registry
 from tissue_sim.loop_study import WITH, LoopRow, as_markdown
 from tissue_sim.release_study import MODELS, RADII
 
@@ -60,3 +61,31 @@ def test_the_bench_is_shown_as_it_came_out(repository: Path) -> None:
     assert [(row["model"], row["geometry"]) for row in steps["rows"]] == [
         (case.label, case.geometry) for case in bench.CASES
     ]
+
+
+def test_the_models_pulled_the_same_way_are_shown_as_they_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/models.json").read_text(encoding="utf-8"))
+    rows = [model_study.Row(**row) for row in result["rows"]]
+    wanted = [(g, v.label) for g in ("wall", "heart") for v in model_study.VARIANTS]
+    assert [(row.geometry, row.label) for row in rows] == wanted
+    page = (repository / "docs/models.md").read_text(encoding="utf-8")
+    for geometry in ("wall", "heart"):
+        assert model_study.as_markdown(rows, geometry) in page
+        assert (repository / f"docs/pictures/models_{geometry}.png").is_file()
+    assert {row.model for row in rows} == set(registry.names())
+    for name in registry.names():
+        assert (repository / f"docs/pictures/model_{name}.png").is_file()
+    # What every solid has in common, and is: no element inside out.
+    for row in rows:
+        if row.model in ("finite_element", "vertex_block_descent"):
+            assert row.inverted == 0
+    # Spot check: shapes depend on nothing but the code.
+    variants = tuple(
+        v for v in model_study.VARIANTS if v.label in ("finite_element", "lr", "chain_mail")
+    )
+    shown = {row.label: row for row in rows if row.geometry == "wall"}
+    for shape in model_study.study(("wall",), variants):
+        then = shown[shape.row.label]
+        assert abs(shape.row.mean_difference_mm - then.mean_difference_mm) < 0.02
+        assert abs(shape.row.largest_difference_mm - then.largest_difference_mm) < 0.1
+        assert shape.row.inverted == then.inverted
