@@ -310,3 +310,21 @@ def print_table(result: dict[str, Any], console: Console | None = None) -> None:
             f"{row['steps_per_second']:,.0f}", f"{row['limit_share']:.0%}", row["limit"], thesis,
         )  # fmt: skip
     (console or Console()).print(table)
+
+
+def as_markdown(result: dict[str, Any]) -> str:
+    """The rows of a result as a table for a page."""
+    lines = [
+        "| geometry | model | nodes | active | springs, blocks or elements a step | ms a step "
+        "| steps a second | of the limit | limit | thesis, 2003 |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        thesis = f"{row['thesis_fps']:.0f}" if row["thesis_fps"] else ""
+        lines.append(
+            f"| {row['geometry']} | {row['model']} | {row['nodes']:,} | {row['active_nodes']:,} "
+            f"| {row['springs_visited']:,} | {row['ms_per_step']:.3f} "
+            f"| {row['steps_per_second']:,.0f} | {row['limit_share']:.0%} | {row['limit']} "
+            f"| {thesis} |"
+        )
+    return "\n".join(lines)

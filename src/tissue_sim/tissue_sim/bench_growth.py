@@ -76,16 +76,31 @@ def slopes(rows: list[dict[str, Any]]) -> dict[str, float]:
     return found
 
 
+def _lines(result: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows of the table: milliseconds a step by model and size."""
+    sizes = sorted({row["nodes"] for row in result["rows"]})
+    times = {(row["model"], row["nodes"]): row["ms_per_step"] for row in result["rows"]}
+    rows = [
+        [label, *(f"{times[label, nodes]:.3f}" for nodes in sizes), f"{slope:.2f}"]
+        for label, slope in result["slopes"].items()
+    ]
+    return ["model", *(f"{nodes:,}" for nodes in sizes), "slope"], rows
+
+
+def as_markdown(result: dict[str, Any]) -> str:
+    """A result as a table for a page."""
+    headings, rows = _lines(result)
+    marks = ["|---" * len(headings) + "|"]
+    return "\n".join([*(f"| {' | '.join(line)} |" for line in [headings]), *marks,
+                      *(f"| {' | '.join(line)} |" for line in rows)])  # fmt: skip
+
+
 def print_growth(result: dict[str, Any], console: Console | None = None) -> None:
     """Print milliseconds a step by model and size."""
-    sizes = sorted({row["nodes"] for row in result["rows"]})
+    headings, rows = _lines(result)
     table = Table(title="milliseconds a step on blocks of so many nodes")
-    table.add_column("model")
-    for nodes in sizes:
-        table.add_column(f"{nodes:,}", justify="right")
-    table.add_column("slope", justify="right")
-    for label, slope in result["slopes"].items():
-        times = [r["ms_per_step"] for n in sizes for r in result["rows"]
-                 if (r["model"], r["nodes"]) == (label, n)]  # fmt: skip
-        table.add_row(label, *(f"{time:.3f}" for time in times), f"{slope:.2f}")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "model" else "right")
+    for row in rows:
+        table.add_row(*row)
     (console or Console()).print(table)
