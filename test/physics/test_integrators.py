@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
@@ -36,7 +35,7 @@ from tissue_sim.elastic.integrators import (
     VERLET,
     stability_limit,
 )
-from tissue_sim.elastic.model import Model, State
+from tissue_sim.elastic.model import State
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.mesh import Mesh

@@ -10,8 +10,8 @@ from collections.abc import Callable
 def least_peak(run: Callable[[], object], repeats: int = 4) -> int:
     """Most memory in use at once during ``run``, least of some repeats [bytes].
 
-    An array per step would show in every repeat. Python itself needs up to 20 kB for its calls, more
-    in a long session: compare with an array that is clearly larger.
+    An array per step would show in every repeat. Python itself needs up to 20 kB for its calls:
+    compare with an array that is clearly larger.
     """
     return min(_peak(run) for _ in range(repeats))
 
