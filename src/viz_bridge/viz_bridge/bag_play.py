@@ -19,8 +19,9 @@ from viz_bridge.bag_player import PlayOptions, play
 from viz_bridge.bag_reader import BagMessage, topic_types
 from viz_bridge.recorded_topics import FIXED, message_class, of_tool
 
-MATCH_SECONDS = 1.0
-"""Waited for subscribers after the publishers are there: what comes before they match is lost."""
+MATCH_SECONDS = 3.5
+"""Most that is waited for subscribers: what comes before they match is lost, and the middleware
+takes up to three seconds to find one."""
 
 
 def profile_of(topic: str) -> QoSProfile:
@@ -48,6 +49,10 @@ class BagPlayer(Node):
             self._by_topic[topic] = self.create_publisher(
                 message_class(type_name), topic, profile_of(topic)
             )
+
+    def heard(self) -> bool:
+        """Whether every topic has a subscriber."""
+        return all(p.get_subscription_count() for p in self._by_topic.values())
 
     def publish(self, item: BagMessage) -> None:
         """Publish one message."""
@@ -83,7 +88,9 @@ def run_player(
 
     try:
         player.prepare(topics)
-        wait(time.monotonic() + MATCH_SECONDS)
+        latest = time.monotonic() + MATCH_SECONDS
+        while not player.heard() and time.monotonic() < latest and rclpy.ok():
+            executor.spin_once(timeout_sec=0.05)
         return play(bag, options, player, wait)
     except (KeyboardInterrupt, ExternalShutdownException):
         return published
