@@ -30,8 +30,10 @@ from tissue_sim.frame import (
 from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.edit_check import CheckedEdit
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.holds import Hold, Holds
-from tissue_sim.interaction.reaction import wrench_on_tool
+from tissue_sim.interaction.patch import Patch
+from tissue_sim.interaction.reaction import NOTHING, wrench_on_tool
 from tissue_sim.interaction.seeding import Seeding
 from tissue_sim.interaction.tools import GRAB, ToolSpec, blade
 from tissue_sim.kernels.positions import nodes_within, place_nodes
@@ -120,8 +122,12 @@ class Simulation:
         if not count:
             return None
         wanted = wanted[:count].copy()
-        hold = self.holds.grab(wanted, self._places(wanted), tool, self.poses[tool], by_use)
+        by_force = self.tools[tool].hold == FORCE
+        hold = self.holds.grab(
+            wanted, self._places(wanted), tool, self.poses[tool], by_use, by_force
+        )
         self._holds_changed()
+        self._report_unfelt([hold])
         return hold
 
     def release(self, holds: list[Hold]) -> None:
@@ -181,6 +187,18 @@ class Simulation:
         self.state.previous[:] = self.state.displacement
         self._owed = 0.0
         self.model.prescribed_changed(self.state, self.holds.rows)
+        self.holds.forget_stiffness()
+        self._report_unfelt(list(self.holds.by_id.values()))
+
+    def _report_unfelt(self, holds: list[Hold]) -> None:
+        """Say which tools hold by force what has none."""
+        if self.model.has_forces:
+            return
+        self._events += [
+            f"{tool} holds by force, but {self.model.name} has no forces: the tissue follows it "
+            "without pulling back, and no force is published"
+            for tool in dict.fromkeys(hold.tool for hold in holds if hold.patch is not None)
+        ]
 
     # One frame
 
@@ -259,6 +277,7 @@ class Simulation:
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
+        self.holds.forget_stiffness()
         self._events += self.model.events
         self.model.events.clear()
         if emptied or self.holds.count != held:
@@ -275,6 +294,8 @@ class Simulation:
         if len(self._good) != len(self.state.displacement):
             self._good = np.empty_like(self.state.displacement)
         np.copyto(self._good, self.state.displacement)
+        for patch in self.holds.patches:
+            patch.remember()
 
     def _use_tools(self, samples: tuple[ToolSample, ...]) -> tuple[Cut, ...]:
         samples = tuple(sample for sample in samples if sample.tool in self.tools)
@@ -300,19 +321,35 @@ class Simulation:
             self._owed += 1.0 / (self.scene.rate_hz * self.model.time_step) + 1e-9
             steps = int(self._owed)
             self._owed -= steps
+        pulled = self._pulled_holds()
         seconds: list[float] = []
         longest, last = 0.0, time.perf_counter()
         end = min(last + budget.seconds, budget.until)
         while True:
             if steps is not None and len(seconds) >= steps:
                 return seconds
+            for hold, patch in pulled:
+                patch.advance(
+                    self.poses[hold.tool], self.model, self.state, self.mesh, hold.rows, hold.local
+                )
             self.model.step(self.state)
             now = time.perf_counter()
             seconds.append(now - last)
             longest = max(longest, now - last)
-            if steps is None and (now + LONGER * longest > end or self.model.idle):
+            idle = self.model.idle and all(patch.settled for _, patch in pulled)
+            if steps is None and (now + LONGER * longest > end or idle):
                 return seconds
             last = now
+
+    def _pulled_holds(self) -> list[tuple[Hold, Patch]]:
+        """Holds by force and their patches, ready for the steps of this frame."""
+        pulled = [(hold, hold.patch) for hold in self.holds.by_id.values() if hold.patch]
+        for hold, patch in pulled:
+            patch.begin(
+                self.tools[hold.tool].coupling, self.model.time_step or 1.0 / self.scene.rate_hz,
+                self.model, self.state, self.mesh, hold.rows, hold.local,
+            )  # fmt: skip
+        return pulled
 
     def _positions(self) -> tuple[NDArray[np.float32], str]:
         """Positions after the frame, and why the state was lost; then it is restored."""
@@ -334,6 +371,8 @@ class Simulation:
         np.copyto(displacement, self._good)
         np.copyto(self.state.previous, displacement)
         place_nodes(rest, displacement[:rows], self._limit, positions)
+        for patch in self.holds.patches:
+            patch.restore()
         # The model may remember what it made of the lost state.
         self.model.prescribed_changed(self.state, self.holds.rows)
         return positions, lost
@@ -342,12 +381,14 @@ class Simulation:
         wrenches: dict[str, NDArray[np.float64]] = {}
         if not self.model.has_forces or not len(self.holds):
             return wrenches
-        for tool in self.tools:
-            rows = [hold.rows for hold in self.holds.of_tool(tool)]
-            if rows:
-                held = np.concatenate(rows)
-                forces = self.model.forces(self.state, held)
-                wrenches[tool] = wrench_on_tool(forces, self._places(held), self.poses[tool][:3])
+        for hold in self.holds.by_id.values():
+            pose = self.poses[hold.tool]
+            if hold.patch is not None:
+                wrench = self.tools[hold.tool].coupling.wrench_on_tool(pose, hold.patch.pose)
+            else:
+                forces = self.model.forces(self.state, hold.rows)
+                wrench = wrench_on_tool(forces, self._places(hold.rows), pose[:3])
+            wrenches[hold.tool] = wrenches.get(hold.tool, NOTHING) + wrench
         return wrenches
 
     def _places(self, rows: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Holds: nodes that follow the rigid motion of a tool.
+"""Holds: nodes that follow the rigid motion of a tool, or of the patch that a tool pulls at.
 
 A node belongs to the first hold that took it. Later holds that want it too wait for it and take it
 over when it is released, from where it is then. Fixed nodes are never held.
@@ -15,6 +15,7 @@ from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.incidence import among
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
+from tissue_sim.interaction.patch import Patch
 
 Rows = NDArray[np.int32]
 
@@ -42,8 +43,9 @@ class Hold:
         tool: Id of the tool it follows.
         by_use: Whether pressing `use` made it, and releasing `use` ends it.
         rows: Rows of the nodes it moves, shape (n,).
-        local: Their places in the tool's axes [m], shape (n, 3).
+        local: Their places in the axes of what moves them [m], shape (n, 3).
         waiting: Rows of nodes that an earlier hold has, shape (m,).
+        patch: What moves them, if the tool holds by force; None: the tool itself.
     """
 
     id: int
@@ -52,6 +54,11 @@ class Hold:
     rows: Rows
     local: NDArray[np.float64]
     waiting: Rows
+    patch: Patch | None = None
+
+    def pose(self, poses: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Pose of what moves its nodes, given the poses of all tools, shape (7,)."""
+        return poses[self.tool] if self.patch is None else self.patch.pose
 
 
 class Holds:
@@ -80,6 +87,16 @@ class Holds:
         """Rows of all nodes held, sorted."""
         return np.flatnonzero(self.owner != NOBODY).astype(np.int32)
 
+    @property
+    def patches(self) -> list[Patch]:
+        """What tools that hold by force pull at."""
+        return [hold.patch for hold in self.by_id.values() if hold.patch is not None]
+
+    def forget_stiffness(self) -> None:
+        """The tissue or the model is another one: patches sense anew how stiff it is."""
+        for patch in self.patches:
+            patch.forget()
+
     def of_tool(self, tool: str) -> list[Hold]:
         """The holds of a tool, oldest first."""
         return [hold for hold in self.by_id.values() if hold.tool == tool]
@@ -91,6 +108,7 @@ class Holds:
         tool: str,
         pose: NDArray[np.float64],
         by_use: bool,
+        by_force: bool = False,
     ) -> Hold:
         """Make a hold. Modifies `owner` in place.
 
@@ -100,6 +118,7 @@ class Holds:
             tool: Id of the tool.
             pose: Its pose, shape (7,).
             by_use: Whether pressing `use` made it.
+            by_force: Whether its nodes follow a patch that the tool pulls at.
         """
         free = self.owner[wanted] == NOBODY
         hold = Hold(
@@ -109,6 +128,7 @@ class Holds:
             rows=wanted[free],
             local=rigid.to_local(pose, positions[free]),
             waiting=wanted[~free],
+            patch=Patch(pose) if by_force else None,
         )
         self._next += 1
         self.by_id[hold.id] = hold
@@ -139,7 +159,7 @@ class Holds:
             takes = np.isin(hold.rows, other.waiting) & (self.owner[hold.rows] == NOBODY)
             if takes.any():
                 rows = hold.rows[takes]
-                self._give(other, rows, rigid.to_local(poses[other.tool], positions[takes]))
+                self._give(other, rows, rigid.to_local(other.pose(poses), positions[takes]))
         return hold.rows[self.owner[hold.rows] == NOBODY]
 
     def _give(self, hold: Hold, rows: Rows, local: NDArray[np.float64]) -> None:
@@ -147,6 +167,8 @@ class Holds:
         hold.local = np.concatenate([hold.local, local])
         hold.waiting = hold.waiting[~np.isin(hold.waiting, rows)]
         self.owner[rows] = hold.id
+        if hold.patch is not None:
+            hold.patch.forget()
 
     def follow(
         self,
@@ -174,7 +196,7 @@ class Holds:
             self.owner = np.pad(self.owner, (0, mesh.node_capacity - len(self.owner)))
         emptied = []
         for hold in list(self.by_id.values()):
-            self._follow_moved(hold, change, moved_positions, poses[hold.tool])
+            self._follow_moved(hold, change, moved_positions, hold.pose(poses))
             self._follow_copies(hold, change)
             alive = mesh.node_alive[hold.rows]
             self.owner[hold.rows[~alive]] = NOBODY
@@ -215,7 +237,7 @@ class Holds:
     def place(
         self, mesh: Mesh, displacement: NDArray[np.floating], poses: dict[str, NDArray[np.float64]]
     ) -> None:
-        """Put held nodes where their tools are. Modifies `displacement` in place.
+        """Put held nodes where their tools or patches are. Modifies `displacement` in place.
 
         Args:
             mesh: The mesh.
@@ -223,5 +245,5 @@ class Holds:
             poses: Poses of all tools.
         """
         for hold in self.by_id.values():
-            target = rigid.to_world(poses[hold.tool], hold.local)
+            target = rigid.to_world(hold.pose(poses), hold.local)
             displacement[hold.rows] = target - mesh.rest[hold.rows]

@@ -74,13 +74,14 @@ class ForceLimiter:
         )
         wrench = np.empty(6)
         for part, largest, rate in parts:
-            bounded = _shortened(wanted[part], largest)
-            change = _shortened(bounded - self.wrench[part], rate * period)
+            bounded = shortened(wanted[part], largest)
+            change = shortened(bounded - self.wrench[part], rate * period)
             wrench[part] = self.wrench[part] + change
         self.wrench = wrench
         return wrench
 
 
-def _shortened(vector: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+def shortened(vector: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+    """The vector, or one of the longest length allowed in its direction."""
     length = float(np.linalg.norm(vector))
     return vector if length <= longest else vector * (longest / length)

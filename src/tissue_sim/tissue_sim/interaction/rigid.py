@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,6 +94,17 @@ def from_matrix(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
         q[i], q[j], q[k] = squares[i], m[j, i] + m[i, j], m[k, i] + m[i, k]
     quaternion = np.array(q, dtype=np.float64)
     return quaternion / np.linalg.norm(quaternion)
+
+
+def rotation_vector(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Axis times angle [rad] of a unit quaternion, by the shorter way round, shape (3,)."""
+    sine = float(np.linalg.norm(q[:3]))
+    if sine < 1e-12:
+        vector: NDArray[np.float64] = 2.0 * q[:3] * (1.0 if q[3] >= 0.0 else -1.0)
+        return vector
+    cosine = float(q[3])
+    angle = 2.0 * (math.atan2(sine, cosine) if cosine >= 0.0 else -math.atan2(sine, -cosine))
+    return q[:3] * (angle / sine)
 
 
 def compose(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:

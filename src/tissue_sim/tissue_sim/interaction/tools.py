@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.interaction import rigid
+from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 
 GRAB, CUT = "grab", "cut"
 SPHERE, RECTANGLE, TRIANGLE = "sphere", "rectangle", "triangle"
@@ -45,6 +46,8 @@ class ToolSpec:
         owner: Who set it.
         scale: Metres the tip moves per metre of its source.
         offset: Added to the source's position, after scaling [m].
+        hold: How a grab holds: "position" puts nodes where the tool is, "force" pulls them there.
+        coupling: What a hold by force pulls with.
     """
 
     id: str
@@ -55,6 +58,8 @@ class ToolSpec:
     owner: str = "scene"
     scale: float = 1.0
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    hold: str = POSITION
+    coupling: Coupling = field(default_factory=Coupling)
 
     def checked(self) -> ToolSpec:
         """This tool with its quaternion normalised, if it is allowed.
@@ -79,6 +84,12 @@ class ToolSpec:
             raise ToolError(self._allowed("scale", self.scale, "0.001 to 1000"))
         if len(self.offset) != 3 or not all(math.isfinite(value) for value in self.offset):
             raise ToolError(self._allowed("offset", list(self.offset), "three finite numbers [m]"))
+        if self.hold not in HOLDS:
+            raise ToolError(self._allowed("hold", self.hold, ", ".join(HOLDS)))
+        try:
+            self.coupling.checked()
+        except ValueError as error:
+            raise ToolError(f"tool {self.id}: {error}") from None
         if len(self.pose) != 7:
             raise ToolError(self._allowed("pose", list(self.pose), "x y z and a quaternion"))
         try:
@@ -92,9 +103,11 @@ class ToolSpec:
 
     def as_arguments(self) -> dict[str, Any]:
         """This tool as arguments of a `set_tool` command; plain JSON values."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["coupling"] = self.coupling.as_arguments()
         return {
             name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(self).items()
+            for name, value in values.items()
         }
 
     @classmethod
@@ -108,6 +121,11 @@ class ToolSpec:
         for name in ("size", "pose", "offset"):
             if name in known:
                 known[name] = tuple(float(value) for value in known[name])
+        if "coupling" in known:
+            try:
+                known["coupling"] = Coupling.from_arguments(known["coupling"])
+            except ValueError as error:
+                raise ToolError(f"tool {known.get('id', '')}: {error}") from None
         try:
             return cls(**known).checked()
         except TypeError as error:

@@ -1,0 +1,105 @@
+"""The spring and damper between a tool and the tissue it holds by force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.elastic.model import Parameter
+from tissue_sim.interaction import rigid
+from tissue_sim.interaction.reaction import shortened
+from tissue_sim.kernels.patches import PatchNumbers
+
+POSITION, FORCE = "position", "force"
+HOLDS = (POSITION, FORCE)
+"""How a tool holds: nodes are where it puts them, or are pulled there."""
+
+PARAMETERS = (
+    Parameter("stiffness", 500.0, 0.01, 1e8, "N/m", "force per distance between tool and tissue"),
+    Parameter("damping", 5.0, 0.0, 1e6, "N s/m", "force per speed of the tissue held"),
+    Parameter(
+        "angular_stiffness", 0.05, 1e-6, 1e6, "N m/rad",
+        "torque per angle between tool and tissue",
+    ),
+    Parameter(
+        "angular_damping", 5e-4, 0.0, 1e4, "N m s/rad", "torque per angular speed of the tissue held"
+    ),
+    Parameter("force_limit", 20.0, 1e-4, 1e6, "N", "largest force of the coupling"),
+    Parameter("torque_limit", 2.0, 1e-6, 1e6, "N m", "largest torque of the coupling"),
+)  # fmt: skip
+"""What can be set for each tool that grabs."""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A virtual coupling: a spring that gives way at its limit, and a damper; see `PARAMETERS`.
+
+    Attributes:
+        stiffness: Of the spring between the tool's tip and the patch's [N/m].
+        damping: Of the patch's motion [N s/m].
+        angular_stiffness: Of the spring between their orientations [N m/rad].
+        angular_damping: Of the patch's turning [N m s/rad].
+        force_limit: Largest force of the spring [N]; beyond it the force stays the same.
+        torque_limit: Largest torque of the spring [N m].
+    """
+
+    stiffness: float = 500.0
+    damping: float = 5.0
+    angular_stiffness: float = 0.05
+    angular_damping: float = 5e-4
+    force_limit: float = 20.0
+    torque_limit: float = 2.0
+
+    def checked(self) -> Coupling:
+        """This coupling, if it is allowed.
+
+        Raises:
+            ValueError: A parameter is out of range; the message names the limits.
+        """
+        for parameter in PARAMETERS:
+            parameter.checked(getattr(self, parameter.name))
+        return self
+
+    def as_arguments(self) -> dict[str, float]:
+        """Its parameters by name; plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_arguments(cls, arguments: Mapping[str, float]) -> Coupling:
+        """A checked coupling from parameters by name; defaults for those left out.
+
+        Raises:
+            ValueError: A parameter is unknown or out of range.
+        """
+        known = [field.name for field in fields(cls)]
+        unknown = sorted(set(arguments) - set(known))
+        if unknown:
+            raise ValueError(f"unknown {', '.join(unknown)}; allowed: {', '.join(known)}")
+        return cls(**{name: float(value) for name, value in arguments.items()}).checked()
+
+    def numbers(self, seconds: float) -> PatchNumbers:
+        """What the kernels want of it for a time step [s]."""
+        return PatchNumbers(
+            self.stiffness, self.angular_stiffness,
+            self.damping / seconds, self.angular_damping / seconds,
+            self.force_limit, self.torque_limit,
+        )  # fmt: skip
+
+    def wrench_on_tool(
+        self, tool: NDArray[np.float64], patch: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Force [N] and torque about the tip [N m] that the spring puts on the tool, shape (6,).
+
+        Args:
+            tool: Pose of the tool, shape (7,).
+            patch: Pose of the patch, shape (7,).
+        """
+        turn = rigid.rotation_vector(rigid.multiply(patch[3:], rigid.conjugate(tool[3:])))
+        pull = self.stiffness * (patch[:3] - tool[:3])
+        twist = self.angular_stiffness * turn
+        return np.concatenate(
+            [shortened(pull, self.force_limit), shortened(twist, self.torque_limit)]
+        )
