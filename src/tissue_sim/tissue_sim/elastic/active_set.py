@@ -7,13 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.acceleration import Acceleration
 from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.orderings import UNREACHED
-from tissue_sim.kernels.springs import largest_force, sweep_nodes
+from tissue_sim.kernels.springs import largest_force, sweep_nodes, sweep_nodes_with_momentum
 
 
 class ActiveSet:
@@ -46,6 +47,7 @@ class ActiveSet:
         keep_until_rest: bool = True,
         momentum: float = 0.0,
         alone: bool = True,
+        acceleration: Acceleration | None = None,
     ) -> None:
         """Start with nothing active.
 
@@ -58,6 +60,7 @@ class ActiveSet:
             momentum: Share of its last move that a lingering node repeats in the next sweep.
             alone: Whether nothing else moves the nodes outside the region. Then all that is
                 displaced when the first holds are told (by the model before this one) lingers too.
+            acceleration: What accelerates the sweeps over the region.
         """
         self.springs = springs
         self.levels, self.keep_until_rest, self.alone = levels, keep_until_rest, alone
@@ -65,6 +68,8 @@ class ActiveSet:
         self.ordering = NodeOrdering(springs)
         self.lingering = Lingering(springs, momentum, joins=not alone)
         self.end = 0
+        self._acceleration = acceleration
+        self._last_move = np.zeros((0, 3), dtype=springs.dtype)
         self._near = NodeOrdering(springs)
         self._held = np.empty(0, dtype=np.int32)
         self._has_ordering = self._was_told = False
@@ -82,6 +87,7 @@ class ActiveSet:
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order the nodes anew from the held ones and let the others come to rest."""
         self._match_capacity()
+        self._forget_moves()
         self.lingering.member[self.ordering.nodes[: self.end]] = True
         released = np.setdiff1d(self._held, held)
         self._held = held.astype(np.int32)
@@ -120,6 +126,11 @@ class ActiveSet:
         """
         if threshold > 0.0:
             self._sweep_levels(state, step, threshold)
+        elif self.end and self._acceleration is not None:
+            self._acceleration.sweep(
+                state, self.ordering.nodes, self.end,
+                lambda share: self._sweep_region(state, step, share),
+            )  # fmt: skip
         elif self.end:
             self._sweep_part(state, step, 0, self.end)
         if self.lingering.count:
@@ -134,6 +145,22 @@ class ActiveSet:
                 self.springs.tiny, state.displacement,
             )
         )  # fmt: skip
+
+    def _sweep_region(self, state: State, step: np.floating, share: float) -> float:
+        """One sweep over the region, before which every node repeats a share of its last move."""
+        return float(
+            sweep_nodes_with_momentum(
+                self.ordering.nodes, 0, self.end, self.springs.arrays, state.prescribed, step,
+                self.springs.dtype(share), self.springs.tiny, state.displacement, self._last_move,
+            )
+        )  # fmt: skip
+
+    def _forget_moves(self) -> None:
+        if self._acceleration is not None:
+            self._acceleration.begin()
+            self._last_move = np.zeros(
+                (self.springs.mesh.node_capacity, 3), dtype=self.springs.dtype
+            )
 
     def _sweep_levels(self, state: State, step: np.floating, threshold: float) -> None:
         begin = 0
@@ -168,6 +195,7 @@ class ActiveSet:
     def follow(self, change: EditChange, state: State) -> None:
         """Follow an edit: copies join their parents, and what lies near it lingers."""
         self._match_capacity()
+        self._forget_moves()
         self.ordering.follow(change)
         self.lingering.elsewhere[change.copied_nodes] = self.lingering.elsewhere[
             change.copy_parents

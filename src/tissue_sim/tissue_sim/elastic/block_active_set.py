@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.acceleration import Chebyshev
 from tissue_sim.elastic.active_set import ActiveSet
 from tissue_sim.elastic.block_problem import BlockProblem
 from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.extrapolation import wake_around_moved
 
 UNFOLD_WITHIN = 200
 """Sweeps after a change of holds or an edit in which crushed and inverted elements are unfolded."""
@@ -96,7 +98,12 @@ class BlockActiveSet(ActiveSet):
     """
 
     def __init__(
-        self, problem: BlockProblem, levels: int, rest_tolerance: float, momentum: float
+        self,
+        problem: BlockProblem,
+        levels: int,
+        rest_tolerance: float,
+        momentum: float,
+        chebyshev: float = 0.0,
     ) -> None:
         """Start with nothing active.
 
@@ -105,8 +112,11 @@ class BlockActiveSet(ActiveSet):
             levels: Cut-off level.
             rest_tolerance: Largest move in one sweep [m] that counts as rest.
             momentum: Share of its last move that a node repeats.
+            chebyshev: Estimated spectral radius of a sweep over the region, whose nodes then
+                repeat nothing; 0: not used.
         """
         super().__init__(problem.springs, levels, rest_tolerance)
+        self.chebyshev = Chebyshev(problem.springs, chebyshev) if chebyshev > 0.0 else None
         self.problem, self.pace = problem, Pace(problem.springs.dtype(momentum))
         self.lingering = self._slow = BlockLingering(problem, momentum)
         self.moved = 0.0
@@ -131,14 +141,38 @@ class BlockActiveSet(ActiveSet):
     def _begin(self) -> None:
         self.moved = np.inf
         self.pace.begin()
+        if self.chebyshev is not None:
+            self.chebyshev.begin()
         self._slow.pace.begin()
 
     def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
-        self.moved, along = self.problem.sweep(
-            state, self.ordering.nodes, begin, end, self.pace.share, self.pace.unfolding
-        )
-        self.pace.judge(along)
+        nodes, pace = self.ordering.nodes, self.pace
+        if self.chebyshev is not None:
+            self.moved = self.sweep_by_chebyshev(self.chebyshev, state, end)
+            pace.judge(0.0)
+            return self.moved
+        self.moved, along = self.problem.sweep(state, nodes, begin, end, pace.share, pace.unfolding)
+        pace.judge(along)
         return self.moved
+
+    def sweep_by_chebyshev(self, chebyshev: Chebyshev, state: State, end: int) -> float:
+        """One sweep over the first nodes of the order, extrapolated. Modifies the state in place.
+
+        Returns:
+            Largest squared distance a node moved [m^2].
+        """
+        nodes, problem, unfolding = self.ordering.nodes, self.problem, self.pace.unfolding
+        moved = chebyshev.sweep(
+            state, nodes, end,
+            lambda share: problem.sweep(
+                state, nodes, 0, end, problem.springs.dtype(share), unfolding
+            )[0],
+        )  # fmt: skip
+        wake_around_moved(
+            nodes, 0, end, problem.controls.tolerance, chebyshev.before, state.displacement,
+            problem.springs.arrays, problem.awake,
+        )  # fmt: skip
+        return moved
 
     def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
         return self.problem.largest(state, nodes, end)

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.acceleration import CHEBYSHEV, acceleration_of
 from tissue_sim.elastic.active_set import ActiveSet
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
@@ -55,6 +56,11 @@ class QuasiStatic(SpringModel):
         REST_TOLERANCE,
         KEEP_UNTIL_REST,
         RELEASE_MOMENTUM,
+        Parameter(
+            "momentum", 0.0, 0.0, 0.98, "",
+            "share of its last move that a node near a hold repeats before a sweep; 0: none",
+        ),
+        CHEBYSHEV,
     )  # fmt: skip
 
     def __init__(
@@ -65,9 +71,16 @@ class QuasiStatic(SpringModel):
         springs: SpringNetwork | None = None,
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
+        momentum, chebyshev = self.values["momentum"], self.values["chebyshev"]
+        if self.values["threshold"] > 0.0 and (momentum > 0.0 or chebyshev > 0.0):
+            raise ValueError(
+                f"threshold = {self.values['threshold']:g} m ends sweeps early; allowed with "
+                "momentum or chebyshev: 0"
+            )
         self.active = ActiveSet(
             self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
             bool(self.values["keep_until_rest"]), self.values["release_momentum"],
+            acceleration=acceleration_of(self.springs, momentum, chebyshev),
         )  # fmt: skip
         self._step = self.scalar(self.values["step"])
         self._threshold = self.values["threshold"]

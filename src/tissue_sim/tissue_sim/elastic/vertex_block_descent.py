@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.acceleration import CHEBYSHEV
 from tissue_sim.elastic.block_active_set import BlockActiveSet
 from tissue_sim.elastic.block_problem import BlockProblem
 from tissue_sim.elastic.mesh_model import MeshModel
@@ -39,6 +40,7 @@ class VertexBlockDescent(MeshModel):
         43(4), 2024, doi 10.1145/3658179.
     """
 
+    anisotropic: ClassVar[bool] = True
     name: ClassVar[str] = "vertex_block_descent"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("step", 1.0, 0.1, 1.95, "", "share of Newton's step that a node takes"),
@@ -51,6 +53,7 @@ class VertexBlockDescent(MeshModel):
             "momentum", 0.95, 0.0, 0.98, "",
             "share of its last move that a node repeats before a sweep; 0: none",
         ),
+        CHEBYSHEV,
         REST_TOLERANCE,
         Parameter("dynamic", 0, 0, 1, "", "1: with inertia; a step is a time step", integer=True),
         Parameter("time_step", FRAME, 1e-5, 0.1, "s", "simulated time of a dynamic step"),
@@ -68,17 +71,21 @@ class VertexBlockDescent(MeshModel):
         super().__init__(mesh, material, parameters, springs)
         dynamic = bool(self.values["dynamic"])
         tolerance, momentum = self.values["rest_tolerance"], self.values["momentum"]
-        if momentum > 0.0 and self.values["step"] > LONGEST_WITH_MOMENTUM:
-            raise ValueError(
-                f"step = {self.values['step']:g} is too long with momentum = {momentum:g}; "
-                f"allowed: up to {LONGEST_WITH_MOMENTUM:g}, or momentum = 0"
-            )
+        for name in ("momentum", "chebyshev"):
+            if self.values[name] > 0.0 and self.values["step"] > LONGEST_WITH_MOMENTUM:
+                raise ValueError(
+                    f"step = {self.values['step']:g} is too long with {name} = "
+                    f"{self.values[name]:g}; allowed: up to {LONGEST_WITH_MOMENTUM:g}, or "
+                    f"{name} = 0"
+                )
         self.time_step = self.values["time_step"] if dynamic else None
         # What a force moves in a time step goes with its square.
         of_frame = self.values["time_step"] / FRAME if dynamic else 1.0
         tolerance *= min(1.0, of_frame**2)
         self.problem = BlockProblem(self.springs, self.values["step"], tolerance)
-        self.active = BlockActiveSet(self.problem, int(self.values["levels"]), tolerance, momentum)
+        self.active = BlockActiveSet(
+            self.problem, int(self.values["levels"]), tolerance, momentum, self.values["chebyshev"]
+        )
         self._step = self.scalar(self.values["step"])
         self._keep = self.scalar(1.0 - self.values["damping"])
         # Momentum is gathered slowly: where there are few sweeps it would only overshoot.
@@ -105,10 +112,17 @@ class VertexBlockDescent(MeshModel):
             self.mesh.node_rows, problem.problem, self._keep, problem.controls.tolerance,
             problem.motion(state), state.previous,
         )  # fmt: skip
-        pace = self.active.pace
+        pace, chebyshev = self.active.pace, self.active.chebyshev
+        if chebyshev is not None:
+            chebyshev.begin()
         for most in self._most_momentum:
-            share = min(pace.share, most)
-            moved, along = problem.sweep(state, order.nodes, 0, order.used, share, pace.unfolding)
+            if chebyshev is not None:
+                moved, along = self.active.sweep_by_chebyshev(chebyshev, state, order.used), 0.0
+            else:
+                share = min(pace.share, most)
+                moved, along = problem.sweep(
+                    state, order.nodes, 0, order.used, share, pace.unfolding
+                )
             if moved <= problem.controls.tolerance:
                 break
             pace.judge(along)
