@@ -280,7 +280,7 @@ class LiveSimulation:
     def _loaded(self, name: str, scene: Scene) -> tuple[Simulation, Mesh, Any]:
         saved = snapshot.load(self._data_dir, name)
         displacement = saved.displacement if saved.displacement.any() else None
-        return self._epoch(saved.mesh(), replace(scene, displacement=displacement))
+        return self._epoch(saved.mesh(), replace(scene, fibres=None, displacement=displacement))
 
     def _epoch(self, mesh: Mesh, scene: Scene) -> tuple[Simulation, Mesh, Any]:
         """A new epoch, the mesh to reset it to, and what is prepared of it."""

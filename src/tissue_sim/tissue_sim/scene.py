@@ -27,6 +27,8 @@ class Scene:
         rate_hz: Frames per simulated second [1/s].
         seeded_release: Distance from released nodes within which tissue starts from rest, blended
             [m]; 0: it starts from where it is.
+        fibres: Unit vector along the fibres of each element, zero where it has none, float32, shape
+            (element_rows, 3); None: as the mesh says.
         displacement: Displacement from rest at the start [m], float32, shape (node_rows, 3); None:
             at rest.
     """
@@ -37,6 +39,7 @@ class Scene:
     tools: tuple[ToolSpec, ...] = ()
     rate_hz: float = 60.0
     seeded_release: float = 0.0
+    fibres: NDArray[np.float32] | None = None
     displacement: NDArray[np.float32] | None = None
 
     def as_arguments(self) -> dict[str, Any]:
@@ -50,24 +53,34 @@ class Scene:
             "seeded_release": self.seeded_release,
         }
         if self.displacement is not None:
-            raw = np.ascontiguousarray(self.displacement, dtype="<f4").tobytes()
-            arguments["displacement"] = base64.b64encode(zlib.compress(raw, 1)).decode("ascii")
+            arguments["displacement"] = _packed(self.displacement)
+        if self.fibres is not None:
+            arguments["fibres"] = _packed(self.fibres)
         return arguments
 
     @classmethod
     def from_arguments(cls, arguments: Mapping[str, Any]) -> Scene:
         """The scene of a `start` command."""
-        displacement = None
-        if "displacement" in arguments:
-            raw = zlib.decompress(base64.b64decode(arguments["displacement"]))
-            displacement = np.frombuffer(raw, dtype="<f4").reshape(-1, 3)
         return cls(
             model=arguments["model"],
             parameters=arguments["parameters"],
-            material=Material(**arguments["material"]),
+            material=Material.from_arguments(arguments["material"]),
             tools=tuple(ToolSpec.from_arguments(tool) for tool in arguments["tools"]),
             rate_hz=float(arguments["rate_hz"]),
             # Journals from before there was seeding do not have it.
             seeded_release=float(arguments.get("seeded_release", 0.0)),
-            displacement=displacement,
+            fibres=_unpacked(arguments, "fibres"),
+            displacement=_unpacked(arguments, "displacement"),
         )
+
+
+def _packed(vectors: NDArray[np.float32]) -> str:
+    raw = np.ascontiguousarray(vectors, dtype="<f4").tobytes()
+    return base64.b64encode(zlib.compress(raw, 1)).decode("ascii")
+
+
+def _unpacked(arguments: Mapping[str, Any], name: str) -> NDArray[np.float32] | None:
+    if name not in arguments:
+        return None
+    raw = zlib.decompress(base64.b64decode(arguments[name]))
+    return np.frombuffer(raw, dtype="<f4").reshape(-1, 3)

@@ -81,6 +81,7 @@ class Simulation:
         if not 1.0 <= self.scene.rate_hz <= 1000.0:
             raise ValueError(f"rate_hz = {self.scene.rate_hz:g} is not allowed; allowed: 1 to 1000")
         self.mesh = mesh
+        self._exchange_fibres()
         self.epoch = epoch or os.urandom(16)
         self.state = State(mesh)
         if self.scene.displacement is not None:
@@ -109,6 +110,16 @@ class Simulation:
         self._owed = 0.0
         self._tools_changed = True
         self._events: list[str] = []
+
+    def _exchange_fibres(self) -> None:
+        """The mesh's fibres into the scene, for the journal; or a journal's into the mesh."""
+        rows, given = self.mesh.element_rows, self.scene.fibres
+        if given is not None:
+            if given.shape != (rows, 3):
+                raise ValueError(f"fibres have shape {given.shape}; allowed: ({rows}, 3)")
+            self.mesh.fibres[:rows] = given
+        elif self.mesh.fibres[:rows].any():
+            self.scene = replace(self.scene, fibres=self.mesh.fibres[:rows].copy())
 
     # What commands do
 
@@ -210,7 +221,8 @@ class Simulation:
             budget: How much to step.
         """
         self.frame += 1
-        self._events = []
+        self._events = list(self.model.events)
+        self.model.events.clear()
         answers = [execute(self, command) for command in inputs.commands]
         if self._unseeded and not self.paused:
             # Released while nothing might move.

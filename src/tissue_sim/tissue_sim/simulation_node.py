@@ -112,6 +112,8 @@ class SimulationNode(Node):
             fixed=values["fixed"],
             parameters=self._settings.shape,
             cell=values["cell"] or None,
+            regions=self._settings.regions,
+            fibres=values["fibres"],
         )
         for line in geometry.report.mended:
             self.get_logger().info(line)

@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.model import Material, RegionMaterial
 from tissue_sim.frames import Frames, frame_specs
+from tissue_sim.geometry.regions import region_key
 from tissue_sim.interaction.reaction import ForceLimits
 from tissue_sim.interaction.seeding import LARGEST_RADIUS
 from tissue_sim.interaction.tools import LARGEST, SHAPES, SMALLEST, ToolError, ToolSpec
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.parameters import ParameterError, Spec
 from tissue_sim.scene import Scene
+
+SAME = -1.0
+"""Of a region's material: as everywhere else."""
 
 _ALL_SHAPES = tuple(shape for shapes in SHAPES.values() for shape in shapes)
 
@@ -61,6 +65,14 @@ SPECS = (
         "density", "double", 1060.0, "Mass density of the tissue.",
         unit="kg/m^3", minimum=1.0, maximum=1e5,
     ),
+    Spec(
+        "fibre_stiffness", "double", 0.0, "What fibres add to the stiffness along them.",
+        unit="Pa", minimum=0.0, maximum=1e12,
+    ),
+    Spec(
+        "fibres", "string", "", "How fibres run: none, cell:NAME, along:x,y,z or around:x,y,z.",
+    ),
+    Spec("regions", "strings", [], "Names of regions made of something else."),
     Spec(
         "seeded_release", "double", 0.0,
         "Distance from released tissue within which it starts from rest, blended; 0: not at all.",
@@ -143,6 +155,27 @@ def tool_specs(tools: Iterable[str]) -> list[Spec]:
     return specs
 
 
+def region_specs(regions: Iterable[str]) -> list[Spec]:
+    """Parameters of the regions with these names."""
+    specs = []
+    for region in regions:
+        base = f"region.{region}"
+        specs += [
+            Spec(f"{base}.where", "string", "",
+                 "name:NAME, label:NUMBER, sphere:x,y,z,r or box:x0,x1,y0,y1,z0,z1; empty: name."),
+            Spec(f"{base}.young_modulus", "double", SAME, "Its Young's modulus; -1: the tissue's.",
+                 unit="Pa", minimum=SAME, maximum=1e12),
+            Spec(f"{base}.poisson_ratio", "double", SAME, "Its Poisson's ratio; -1: the tissue's.",
+                 minimum=SAME, maximum=0.4999),
+            Spec(f"{base}.density", "double", SAME, "Its mass density; -1: the tissue's.",
+                 unit="kg/m^3", minimum=SAME, maximum=1e5),
+            Spec(f"{base}.fibre_stiffness", "double", SAME,
+                 "What its fibres add to the stiffness along them; -1: the tissue's.",
+                 unit="Pa", minimum=SAME, maximum=1e12),
+        ]  # fmt: skip
+    return specs
+
+
 def model_specs() -> list[Spec]:
     """Parameters `<model>.<parameter>` of every model."""
     return [
@@ -175,19 +208,30 @@ def specs(given: Mapping[str, Any]) -> list[Spec]:
         ParameterError: The list of tools is not one.
     """
     table = {spec.name: spec for spec in SPECS}
-    tools = table["tools"].checked(given.get("tools") or [])
-    repeated = sorted({tool for tool in tools if tools.count(tool) > 1})
-    if repeated:
-        raise ParameterError(f"tools names {', '.join(repeated)} twice; ids are unique")
+    tools = _unrepeated(table["tools"], given)
     frames = {key.split(".")[1] for key in given if key.startswith("frames.") and "." in key[7:]}
     shapes = [key.split(".", 1)[1] for key in given if key.startswith("shape.")]
     return [
         *SPECS,
         *tool_specs(tools),
+        *region_specs(_unrepeated(table["regions"], given)),
         *model_specs(),
         *frame_specs(sorted(frames)),
         *shape_specs(shapes),
     ]
+
+
+def _unrepeated(spec: Spec, given: Mapping[str, Any]) -> list[str]:
+    """The names a list of names holds.
+
+    Raises:
+        ParameterError: It is no such list, or names something twice.
+    """
+    names: list[str] = spec.checked(given.get(spec.name) or [])
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ParameterError(f"{spec.name} names {', '.join(repeated)} twice; ids are unique")
+    return names
 
 
 @dataclass(frozen=True)
@@ -204,6 +248,7 @@ class Settings:
         data_dir: Folder of saved organs.
         wait_for: Topics and how many must be matched before the clock starts.
         shape: Parameters of the generated shape.
+        regions: Where regions lie, by name.
     """
 
     scene: Scene
@@ -215,6 +260,7 @@ class Settings:
     data_dir: Path
     wait_for: Mapping[str, int]
     shape: Mapping[str, float]
+    regions: Mapping[str, str]
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
@@ -228,9 +274,7 @@ class Settings:
             scene=Scene(
                 model=values["model"],
                 parameters=_model_parameters(values),
-                material=Material(
-                    values["young_modulus"], values["poisson_ratio"], values["density"]
-                ),
+                material=_material(values),
                 tools=tuple(_tool(values, tool) for tool in values["tools"]),
                 rate_hz=values["rate_hz"],
                 seeded_release=values["seeded_release"],
@@ -247,7 +291,27 @@ class Settings:
                 for key, value in values.items()
                 if key.startswith("shape.")
             },
+            regions={name: values[f"region.{name}.where"] for name in values["regions"]},
         )
+
+
+def _material(values: Mapping[str, Any]) -> Material:
+    names = ("young_modulus", "poisson_ratio", "density", "fibre_stiffness")
+
+    def part(region: str) -> RegionMaterial:
+        base = f"region.{region}"
+        given = {name: values[f"{base}.{name}"] for name in names}
+        wrong = [name for name, value in given.items() if SAME < value < 0.0]
+        if wrong:
+            raise ParameterError(
+                f"parameter {base}.{wrong[0]} = {given[wrong[0]]:g} is not allowed; allowed: at "
+                "least 0, or -1 for what it is everywhere else"
+            )
+        own = {n: values[n] if value == SAME else value for n, value in given.items()}
+        return RegionMaterial(region_key(region, values[f"{base}.where"]), **own)
+
+    regions = tuple(part(region) for region in values["regions"])
+    return Material(**{name: values[name] for name in names}, regions=regions)
 
 
 def tool_limits(values: Mapping[str, Any]) -> ToolLimits:

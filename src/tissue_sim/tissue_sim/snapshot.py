@@ -32,6 +32,7 @@ _ARRAYS: dict[str, tuple[str, int]] = {
     "displacement": ("f", 2),
     "region_labels": ("i", 1),
     "region_names": ("U", 1),
+    "fibres": ("f", 2),
 }
 
 
@@ -92,6 +93,7 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
         tetrahedra=row[mesh.tets[elements]],
         regions=mesh.regions[elements],
         region_names=dict(mesh.region_names),
+        fibres=mesh.fibres[elements],
         node_file_ids=mesh.node_file_ids[nodes],
         element_file_ids=mesh.element_file_ids[elements],
         name=mesh.name,
@@ -116,6 +118,7 @@ def save(snapshot: Snapshot, folder: Path, name: str) -> Path:
         "points": raw.points,
         "tetrahedra": raw.tetrahedra,
         "regions": raw.regions,
+        "fibres": raw.fibres,
         "node_file_ids": raw.node_file_ids,
         "element_file_ids": raw.element_file_ids,
         "fixed": snapshot.fixed,
@@ -168,6 +171,10 @@ def saved(folder: Path) -> list[str]:
 def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     if int(values.get("format", np.array(-1)).sum()) != FORMAT:
         raise SnapshotError(f"{path} is not a snapshot of format {FORMAT}")
+    if "fibres" not in values and "tetrahedra" in values:
+        # Saved before there were fibres.
+        none = np.zeros((len(values["tetrahedra"]), 3), dtype=np.float32)
+        values = {**values, "fibres": none}
     for key, (kind, dimensions) in _ARRAYS.items():
         if key not in values or values[key].dtype.kind != kind or values[key].ndim != dimensions:
             raise SnapshotError(f"{path} is damaged: {key} is missing or of another type")
@@ -176,14 +183,15 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     shapes = {
         "points": (nodes, 3), "displacement": (nodes, 3), "fixed": (nodes,),
         "node_file_ids": (nodes,), "tetrahedra": (elements, 4), "regions": (elements,),
-        "element_file_ids": (elements,), "region_names": values["region_labels"].shape,
+        "fibres": (elements, 3), "element_file_ids": (elements,),
+        "region_names": values["region_labels"].shape,
     }  # fmt: skip
     for key, shape in shapes.items():
         if values[key].shape != shape:
             raise SnapshotError(f"{path} is damaged: {key} has shape {values[key].shape}")
     if not elements or tets.min() < 0 or tets.max() >= nodes:
         raise SnapshotError(f"{path} is damaged: its elements name nodes that are not there")
-    finite = np.isfinite(values["points"]).all() and np.isfinite(values["displacement"]).all()
+    finite = all(np.isfinite(values[key]).all() for key in ("points", "displacement", "fibres"))
     if not finite or not (signed_volumes(values["points"], tets.astype(np.int32)) > 0).all():
         raise SnapshotError(f"{path} is damaged: it is not finite or an element is inverted")
     labels = values["region_labels"].tolist()
@@ -191,6 +199,7 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
         points=values["points"].astype(np.float64),
         tetrahedra=tets,
         regions=values["regions"].astype(np.int32),
+        fibres=values["fibres"].astype(np.float32),
         region_names=dict(zip(labels, map(str, values["region_names"]), strict=True)),
         node_file_ids=values["node_file_ids"].astype(np.int64),
         element_file_ids=values["element_file_ids"].astype(np.int64),

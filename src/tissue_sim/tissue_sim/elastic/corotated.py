@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.corotation import Tangent
-from tissue_sim.elastic.model import Material, State
+from tissue_sim.elastic.model import State
 from tissue_sim.elastic.rigid_aggregates import RigidAggregates
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
@@ -64,20 +64,17 @@ class Corotated:
         residual: Norm of the residual in free nodes [N].
     """
 
-    def __init__(
-        self, springs: SpringNetwork, material: Material, tolerance: float, rest_tolerance: float
-    ) -> None:
+    def __init__(self, springs: SpringNetwork, tolerance: float, rest_tolerance: float) -> None:
         """Begin at rest.
 
         Args:
-            springs: Network of the mesh.
-            material: What it is made of.
+            springs: Network of the mesh, and what it is made of.
             tolerance: Residual over force on prescribed nodes that counts as none.
             rest_tolerance: Motion that counts as none [m].
         """
         self._springs = springs
         self._tolerance, self._rest_tolerance = tolerance, rest_tolerance
-        self.tangent = Tangent(springs, material)
+        self.tangent = Tangent(springs)
         self._aggregates = RigidAggregates(self.tangent)
         shape = (springs.mesh.node_capacity, 3)
         self._vectors = Vectors(*(np.zeros(shape, dtype=springs.dtype) for _ in range(5)))

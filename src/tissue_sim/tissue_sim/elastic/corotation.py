@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.model import Material
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import EditChange
@@ -56,9 +55,9 @@ class Tangent(Stiffness):
         keep: Share of what is not positive in the stiffness of stressed elements against turning.
     """
 
-    def __init__(self, springs: SpringNetwork, material: Material) -> None:
+    def __init__(self, springs: SpringNetwork) -> None:
         """Begin with that of rest."""
-        super().__init__(springs, material)
+        super().__init__(springs)
         self._found, self.keep = response(), 0.0
         places, capacity = len(self._blocks), springs.mesh.node_capacity
         self.now = _zeros(0, capacity, springs.dtype)
@@ -72,7 +71,8 @@ class Tangent(Stiffness):
     @property
     def solid(self) -> Solid:
         """What kernels read of the mesh; edits may replace the arrays."""
-        return Solid(self.springs.elements, self.springs.mesh.rest, self._lame, self.keep)
+        springs = self.springs
+        return Solid(springs.elements, springs.mesh.rest, springs.field.matter, self.keep)
 
     @property
     def complete(self) -> bool:

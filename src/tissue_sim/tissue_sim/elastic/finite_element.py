@@ -18,12 +18,18 @@ from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.aggregates import patches_of
+from tissue_sim.kernels.conjugate_lanes import add_lanes
+from tissue_sim.kernels.lanes import LANES
 from tissue_sim.kernels.responses import add_share
 from tissue_sim.kernels.stiffness import forces_at, squared_forces
 
+SELDOM = 8
+"""Checks of a lane between two measurements of the force on prescribed nodes."""
+
 
 class Work(Enum):
-    """What the iterations are for."""
+    """What a lane of the solver is for."""
 
     NONE = auto()
     RESPONSE = auto()
@@ -37,8 +43,9 @@ class FiniteElement(MeshModel):
 
     The solution is linear in the motion of what is held. Every motion that is new (orthogonal to
     those met since the grab) is solved for by conjugate gradients, which go on from frame to frame,
-    and its response is kept; every further pose of the same hold is a sum of responses. What is not
-    in equilibrium after a grab, a release or a cut is corrected when no motion waits.
+    and its response is kept; every further pose of the same hold is a sum of responses. The solver
+    works in four lanes at once: on motions, on what is not in equilibrium after a grab, a release
+    or a cut, and on motions that may come.
 
     With `corotated` strain is measured in each element's own frame and every pose is solved anew;
     see `Corotated` and docs/corotated.md.
@@ -46,6 +53,7 @@ class FiniteElement(MeshModel):
     Limitations: large rotations swell, unless corotated; see docs/finite_element.md.
     """
 
+    anisotropic: ClassVar[bool] = True
     name: ClassVar[str] = "finite_element"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
@@ -58,7 +66,7 @@ class FiniteElement(MeshModel):
         ),
         Parameter(
             "foresight", 1, 0, 1, "",
-            "1: when nothing else is left to solve, motions are solved for before they occur",
+            "1: lanes that are free solve for motions before they occur",
             integer=True,
         ),
     )  # fmt: skip
@@ -74,15 +82,17 @@ class FiniteElement(MeshModel):
         self.corotated: Corotated | None = None
         if self.values["corotated"]:
             self.corotated = Corotated(
-                self.springs, material, self.values["tolerance"], self.values["rest_tolerance"]
+                self.springs, self.values["tolerance"], self.values["rest_tolerance"]
             )
             return
-        self.stiffness = Stiffness(self.springs, material)
+        self.stiffness = Stiffness(self.springs)
         self.responses = Responses(mesh.node_capacity, self.springs.dtype)
         self._solver = ConjugateGradients(self.stiffness)
         self._all = np.arange(mesh.node_capacity, dtype=np.int32)
         self._prescribed = np.empty(0, dtype=np.int32)
-        self._work = Work.NONE
+        self._work = [Work.NONE] * LANES
+        self._shares = np.zeros((1, 1, LANES), dtype=self.springs.dtype)
+        self._forces, self._until_forces = np.zeros(LANES), 0
         self._corrected = self._waits = self._foresees = False
 
     @property
@@ -91,7 +101,7 @@ class FiniteElement(MeshModel):
         if self.corotated is not None:
             return self.corotated.settled
         known = self._corrected and not self._waits and not self._foresees
-        return self._work is Work.NONE and known
+        return known and not any(self._solver.active)
 
     @property
     def coarse_unknowns(self) -> int:
@@ -99,94 +109,117 @@ class FiniteElement(MeshModel):
         return self._solver.coarse_unknowns
 
     def step(self, state: State) -> None:
-        """One iteration, where there is anything to solve. Modifies the state in place."""
+        """One iteration of every lane that has work. Modifies the state in place."""
         if self.corotated is not None:
             self.corotated.step(state)
             return
         left = self.responses.follow_motion(state, self.mesh.node_rows)
         self._waits = left > self.values["rest_tolerance"]
-        if self._waits and self._work is Work.RESPONSE and self.responses.overtaken:
-            self.responses.abandon()
-            self._work = Work.NONE
-        begun = self._begin(state)
-        if self._work is Work.NONE:
+        self._begin(state)
+        if not any(self._solver.active):
             if self.responses.changed:
                 self._show(state)
             return
-        # To begin takes as long as an iteration.
-        if not begun:
-            self._solver.iterate(state.prescribed)
+        self._solver.iterate(state.prescribed)
         self._show(state)
-        if self._solved(state):
-            self._finish()
+        for lane in np.flatnonzero(self._solver.active):
+            if self._solved(lane, state):
+                self._finish(lane)
 
-    def _begin(self, state: State) -> bool:
-        """Begin what is most urgent, unless something as urgent goes on; whether it has."""
-        if self._waits and self._work is not Work.RESPONSE:
-            self._begin_response(state)
-        elif self._work is Work.NONE and not self._corrected:
-            self._work = Work.CORRECTION
-            self._solver.x[:] = 0
-            self._solver.begin(state.prescribed, self.responses.sum)
-        elif self._work is Work.NONE and self._foresees:
+    def _begin(self, state: State) -> None:
+        """Give the lanes that are free something to do."""
+        if self._waits and self.responses.full:
+            self._restart_at(state)
+        elif self._waits and (lane := self._lane(overtake=True)) is not None:
+            self.responses.begin(lane)
+            self._begin_lane(lane, Work.RESPONSE, self.responses.guess)
+            self._waits = False
+            self._foresees = bool(self.values["foresight"])
+        if not self._corrected and Work.CORRECTION not in self._work:
+            lane = self._lane(overtake=True)
+            if lane is not None:
+                self._begin_lane(lane, Work.CORRECTION, self.responses.sum)
+        while self._foresees and not self._waits and (lane := self._lane()) is not None:
             self._foresees = self.responses.propose(self.mesh.rest)
             if self._foresees:
-                self._work = Work.RESPONSE
-                self.responses.begin(self._solver.x, proposed=True)
-                self._solver.begin(state.prescribed, self._solver.x)
-        else:
-            return False
-        return True
+                self.responses.begin(lane, proposed=True)
+                self._begin_lane(lane, Work.RESPONSE, self.responses.guess)
 
-    def _begin_response(self, state: State) -> None:
-        if self._work is Work.CORRECTION:
-            # A motion comes before the correction, whose part so far stays.
-            self.responses.correct(self._solver.x)
-            self._corrected = False
-        if self.responses.full:
-            self.responses.restart_at(state)
-            self._corrected = False
-            return
-        self.responses.begin(self._solver.x)
-        self._waits = False
-        self._foresees = bool(self.values["foresight"])
-        self._work = Work.RESPONSE
-        self._solver.begin(state.prescribed, self._solver.x)
+    def _lane(self, overtake: bool = False) -> int | None:
+        """A free lane, or one whose motion matters less than what waits, which is given up."""
+        if Work.NONE in self._work:
+            return self._work.index(Work.NONE)
+        lane = self.responses.overtaken() if overtake else None
+        if lane is not None:
+            self.responses.abandon(lane)
+            self._work[lane] = Work.NONE
+        return lane
+
+    def _begin_lane(self, lane: int, work: Work, shape: NDArray[np.floating]) -> None:
+        self._work[lane] = work
+        self._solver.begin(lane, shape, change=work is Work.CORRECTION)
+        self._until_forces = 0
+
+    def _restart_at(self, state: State) -> None:
+        self.responses.restart_at(state)
+        self._begin_anew(state)
 
     def _show(self, state: State) -> None:
         """Write the shape as far as it is known."""
-        share = 1.0 if self._work is Work.CORRECTION else 0.0
-        if self._work is Work.RESPONSE:
-            share = self.responses.share
-        add_share(
-            self.mesh.node_rows, state.prescribed, self.responses.sum, share,
-            self._solver.x, state.displacement,
-        )  # fmt: skip
+        rows, sum_ = self.mesh.node_rows, self.responses.sum
+        if not any(self._solver.active):
+            add_share(rows, state.prescribed, sum_, 0.0, sum_, state.displacement)
+            return
+        for lane, work in enumerate(self._work):
+            share = 1.0 if work is Work.CORRECTION else 0.0
+            if work is Work.RESPONSE:
+                share = self.responses.share_of(lane)
+            self._shares[0, 0, lane] = share
+        add_lanes(rows, state.prescribed, sum_, self._shares, self._solver.x, state.displacement)
 
-    def _solved(self, state: State) -> bool:
+    def _solved(self, lane: int, state: State) -> bool:
         solver = self._solver
-        if solver.stuck:
+        if solver.stuck[lane]:
             return True
-        shape = solver.x if self._work is Work.RESPONSE else state.displacement
-        if self._work is Work.CORRECTION and solver.largest <= self.values["rest_tolerance"]:
-            return True
-        squared, _ = squared_forces(self._prescribed, self.stiffness.rows, shape)
-        return solver.residual <= self.values["tolerance"] * math.sqrt(squared)
-
-    def _finish(self) -> None:
-        if self._work is Work.RESPONSE:
-            self.responses.finish(self._solver.x)
+        if self._work[lane] is Work.CORRECTION:
+            if solver.largest[lane] <= self.values["rest_tolerance"]:
+                return True
+            squared, _ = squared_forces(self._prescribed, self.stiffness.rows, state.displacement)
+            force = math.sqrt(squared)
         else:
-            self.responses.correct(self._solver.x)
+            force = self._prescribed_force(lane)
+        return bool(solver.residual[lane] <= self.values["tolerance"] * force)
+
+    def _prescribed_force(self, lane: int) -> float:
+        """Norm of the force on prescribed nodes at the response of a lane [N]."""
+        # It hardly changes any more when the residual is small.
+        if self._until_forces == 0:
+            self._solver.forces(self._prescribed, self._forces)
+            self._until_forces = SELDOM
+        self._until_forces -= 1
+        return float(self._forces[lane])
+
+    def _finish(self, lane: int) -> None:
+        x = self._solver.x[:, :, lane]
+        if self._work[lane] is Work.RESPONSE:
+            self.responses.finish(lane, x)
+        else:
+            self.responses.correct(x)
             self._corrected = True
-        self._work = Work.NONE
+        self._leave(lane)
+
+    def _leave(self, lane: int) -> None:
+        self._solver.end(lane)
+        self._work[lane] = Work.NONE
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Begin anew from the present shape."""
         if self.corotated is not None:
             self.corotated.prescribed_changed(state, held)
             return
-        self.responses.restart(state, held)
+        arrays = self.springs.arrays
+        patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
+        self.responses.restart(state, held, patches)
         self._begin_anew(state)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
@@ -205,7 +238,8 @@ class FiniteElement(MeshModel):
     def _begin_anew(self, state: State) -> None:
         rows = self.mesh.node_rows
         self._prescribed = np.flatnonzero(state.prescribed[:rows]).astype(np.int32)
-        self._work = Work.NONE
+        for lane in range(LANES):
+            self._leave(lane)
         self._corrected = False
         self._foresees = bool(self.values["foresight"])
 

@@ -32,6 +32,8 @@ class MeshModel(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     time_step: float | None = None
     has_forces = True
+    anisotropic: ClassVar[bool] = False
+    """Whether fibres take part."""
 
     def __init__(
         self,

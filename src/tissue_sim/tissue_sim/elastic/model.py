@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,25 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class RegionMaterial:
+    """What one region of the tissue is made of; see docs/materials.md.
+
+    Attributes:
+        region: Name of the region in the mesh, or its label in digits.
+        young_modulus: Young's modulus E [Pa].
+        poisson_ratio: Poisson's ratio nu, in [0, 0.5).
+        density: Mass density [kg/m^3].
+        fibre_stiffness: What fibres add to the stiffness along them [Pa].
+    """
+
+    region: str
+    young_modulus: float
+    poisson_ratio: float
+    density: float
+    fibre_stiffness: float = 0.0
+
+
+@dataclass(frozen=True)
 class Material:
     """What the tissue is made of.
 
@@ -59,11 +79,30 @@ class Material:
         young_modulus: Young's modulus E [Pa].
         poisson_ratio: Poisson's ratio nu, in [0, 0.5).
         density: Mass density [kg/m^3].
+        fibre_stiffness: What fibres add to the stiffness along them [Pa]; the mesh says how they
+            run.
+        regions: Regions made of something else; of several for the same elements the last counts.
     """
 
     young_modulus: float = 5e4
     poisson_ratio: float = 0.45
     density: float = 1060.0
+    fibre_stiffness: float = 0.0
+    regions: tuple[RegionMaterial, ...] = ()
+
+    @property
+    def parts(self) -> tuple[RegionMaterial, ...]:
+        """What there is: the tissue everywhere else, then the regions."""
+        rest = RegionMaterial(
+            "", self.young_modulus, self.poisson_ratio, self.density, self.fibre_stiffness
+        )
+        return (rest, *self.regions)
+
+    @classmethod
+    def from_arguments(cls, arguments: Mapping[str, Any]) -> Material:
+        """The material of plain JSON values, as `dataclasses.asdict` gives them."""
+        regions = tuple(RegionMaterial(**region) for region in arguments.get("regions", ()))
+        return cls(**{**arguments, "regions": regions})
 
 
 class State:

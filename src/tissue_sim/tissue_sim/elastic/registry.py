@@ -8,8 +8,9 @@ from tissue_sim.elastic.chain_mail import ChainMail
 from tissue_sim.elastic.finite_element import FiniteElement
 from tissue_sim.elastic.lingering import WIDEN_EVERY
 from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.material_field import MaterialError
 from tissue_sim.elastic.mesh_model import MeshModel
-from tissue_sim.elastic.model import Material, Model, Parameter, State
+from tissue_sim.elastic.model import Material, Model, Parameter, RegionMaterial, State
 from tissue_sim.elastic.quasi_static import QuasiStatic
 from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
@@ -37,6 +38,11 @@ MODELS: dict[str, type[MeshModel]] = {
 def names() -> list[str]:
     """Names of the models."""
     return sorted(MODELS)
+
+
+def anisotropic_names() -> list[str]:
+    """Names of the models that know fibres."""
+    return [name for name in names() if MODELS[name].anisotropic]
 
 
 def parameters_of(name: str) -> tuple[Parameter, ...]:
@@ -96,7 +102,12 @@ def build(
     check_elements(mesh)
     if springs is not None and not _fits(springs, mesh, material):
         springs = None
-    model: Model = MODELS[name](mesh, material, values, springs)
+    model = MODELS[name](mesh, material, values, springs)
+    if model.springs.field.fibrous and not model.anisotropic:
+        model.events.append(
+            f"model {name} has no fibres: fibre_stiffness does nothing here; "
+            f"models that have them: {', '.join(anisotropic_names())}"
+        )
     return model
 
 
@@ -108,19 +119,25 @@ def check_material(material: Material) -> None:
     """Refuse a material that makes no sense.
 
     Raises:
-        ValueError: A number is not finite or out of range.
+        MaterialError: A number is not finite or out of range.
     """
+    for part in material.parts:
+        _check_part(part, f"region {part.region}: " if part.region else "")
+
+
+def _check_part(part: RegionMaterial, where: str) -> None:
     for name, value, low, high, unit in (
-        ("young_modulus", material.young_modulus, 1.0, 1e12, " Pa"),
-        ("density", material.density, 1.0, 1e5, " kg/m^3"),
+        ("young_modulus", part.young_modulus, 1.0, 1e12, " Pa"),
+        ("density", part.density, 1.0, 1e5, " kg/m^3"),
+        ("fibre_stiffness", part.fibre_stiffness, 0.0, 1e12, " Pa"),
     ):
         if not low <= value <= high:
-            raise ValueError(
-                f"{name} = {value:g} is out of range; allowed: {low:g} to {high:g}{unit}"
+            raise MaterialError(
+                f"{where}{name} = {value:g} is out of range; allowed: {low:g} to {high:g}{unit}"
             )
-    if not 0.0 <= material.poisson_ratio < 0.5:
-        raise ValueError(
-            f"poisson_ratio = {material.poisson_ratio:g} is out of range; "
+    if not 0.0 <= part.poisson_ratio < 0.5:
+        raise MaterialError(
+            f"{where}poisson_ratio = {part.poisson_ratio:g} is out of range; "
             "allowed: 0 up to, not including, 0.5"
         )
 

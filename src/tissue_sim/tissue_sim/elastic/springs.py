@@ -1,4 +1,4 @@
-"""The spring network of a mesh: one spring per edge, following the mesh's edits."""
+"""The spring network of a mesh: its edges and, in a sheet, more; it follows the mesh's edits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.sheet_springs import sheet_springs
+from tissue_sim.elastic.torsion import TorsionSprings
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.incidence import sorted_unique
 from tissue_sim.geometry.mesh import Mesh
@@ -35,21 +38,27 @@ class SpringChange:
 
 
 class SpringNetwork:
-    """One spring per edge of a tetrahedral mesh; its elements share out stiffness and mass.
+    """One spring per edge of a mesh; its elements share out stiffness and mass.
 
-    Every element t gives each of its edges the stiffness E V_t / l0^2 and each of its nodes the
-    mass density V_t / 4. A split that moves nothing hands these shares out anew, so that total
-    stiffness and mass stay. Springs are kept by row (tombstones where one was removed) and by node,
-    with spare room, in the layout that sweeps read.
+    Every element t gives each of its edges the stiffness E_t V_t / l0^2 and each of its nodes the
+    mass density_t V_t / 4; fibres do not count. A split that moves nothing hands these shares out
+    anew, so that total stiffness and mass stay. Springs are kept by row (tombstones where one was
+    removed) and by node, with spare room, in the layout that sweeps read.
+    In a sheet the triangles do the same with their area times thickness, and there are the sheet's
+    own springs besides (`sheet_springs`).
 
     Attributes:
         mesh: The mesh that is followed.
         material: Where stiffness and mass come from.
+        field: The material of each element.
         dtype: Precision of the kernels' arrays.
         rows: Rows of springs in use.
         springs: Ends, stiffness, rest length and existence by row, float64; capacity may exceed
             `rows`.
         tiny: `TINY` in the kernels' precision.
+        categories: Category of each spring of a sheet (`geometry.sheet.CATEGORIES`), by row; empty
+            for tetrahedra, whose springs are all alike.
+        torsion: Torsion springs of a sheet; None: it has none.
         version: Version of the mesh that the network is in step with.
 
     References:
@@ -63,20 +72,29 @@ class SpringNetwork:
     ) -> None:
         self.mesh, self.material, self.dtype = mesh, material, dtype
         self.version = mesh.version
+        self.field = MaterialField(mesh, material)
         self.tiny = dtype(TINY[dtype])
         # Whole eighths of a metre: an edit does not change where a network built afresh has it.
         self._origin = np.round(mesh.rest[: mesh.node_rows].mean(axis=0) * 8) / 8
         self._rest = np.zeros((mesh.node_capacity, 3), dtype=dtype)
         self._rest[: mesh.node_rows] = mesh.rest[: mesh.node_rows] - self._origin
         self._volumes = np.zeros(mesh.element_capacity)
+        # Volumes, scaled where an element is not made of the tissue's own material.
+        self._stiff = self._heavy = self._volumes
+        if not self.field.one_modulus:
+            self._stiff = self._volumes.copy()
+        if not self.field.one_density:
+            self._heavy = self._volumes.copy()
         self._measure(np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32))
         self._scratch = _scratch(mesh.node_capacity)
         self._masses = np.zeros(mesh.node_capacity)
         self._to_weigh = [np.arange(mesh.node_rows, dtype=np.int32)]
+        self.categories = np.empty(0, dtype=np.uint8)
         self.springs, self.rows = self._build_rows()
         self._lists, self._used = self._build_lists()
         networks.fill_lists(self.springs, self.rows, self._lists)
         self._expose()
+        self.torsion = TorsionSprings.of(mesh, material, dtype)
         self.last_change = SpringChange(self.version, _no_rows(), np.empty(0, dtype=np.int8))
 
     @property
@@ -87,8 +105,13 @@ class SpringNetwork:
     @property
     def masses(self) -> NDArray[np.float64]:
         """Mass of each node [kg], shape (node_capacity,); weighed when somebody asks."""
+        if self.mesh.sheet is not None and self._to_weigh:
+            rows = self.mesh.node_rows
+            volumes = self.mesh.sheet.node_volumes(self.mesh.rest[:rows])
+            self._masses[:rows] = self.material.density * volumes
+            self._to_weigh.clear()
         for nodes in self._to_weigh:
-            networks.node_volumes(nodes, self.elements, self._masses)
+            networks.node_volumes(nodes, self.elements._replace(volumes=self._heavy), self._masses)
             self._masses[nodes] *= self.material.density
         self._to_weigh.clear()
         return self._masses
@@ -122,6 +145,7 @@ class SpringNetwork:
                 f"that made version {version}; allowed: {self.version + 1}"
             )
         self._grow_nodes()
+        self.field.follow(change)
         self._rest[change.nodes] = self.mesh.rest[change.nodes] - self._origin
         self._measure(change.elements)
         self._measure(change.neighbours)
@@ -140,7 +164,7 @@ class SpringNetwork:
         done = count = 0
         while done < len(nodes):
             done, self.rows, self._used, count = networks.repair(
-                nodes, done, self.springs, self.rows, self._lists, self._used, self.elements,
+                nodes, done, self.springs, self.rows, self._lists, self._used, self._stiff_elements,
                 self._rest, self.material.young_modulus, self._scratch, kinds, rows, count,
             )  # fmt: skip
             if done < len(nodes):
@@ -156,16 +180,29 @@ class SpringNetwork:
             mesh.tets, self._volumes, incident.start, incident.count, incident.data
         )
 
+    @property
+    def _stiff_elements(self) -> networks.Elements:
+        return self.elements._replace(volumes=self._stiff)
+
     def _measure(self, elements: NDArray[np.int32]) -> None:
         short = self.mesh.element_capacity - len(self._volumes)
         if short > 0:
             self._volumes = np.concatenate([self._volumes, np.zeros(short)])
+            one, light = self.field.one_modulus, self.field.one_density
+            self._stiff = self._volumes if one else _padded(self._stiff, len(self._volumes))
+            self._heavy = self._volumes if light else _padded(self._heavy, len(self._volumes))
         networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
+        if not self.field.one_modulus:
+            self._stiff[elements] = self._volumes[elements] * self.field.stiffness_of(elements)
+        if not self.field.one_density:
+            self._heavy[elements] = self._volumes[elements] * self.field.density_of(elements)
 
     def _build_rows(self) -> tuple[networks.Springs, int]:
         mesh = self.mesh
         alive = mesh.element_alive[: mesh.element_rows]
         edges = _edges_of(mesh.tets[: mesh.element_rows][alive])
+        if mesh.sheet is not None:
+            edges, volumes, self.categories = sheet_springs(mesh.sheet, mesh.rest[: mesh.node_rows])
         rows = len(edges)
         capacity = int(rows * 1.25) + 1024
         springs = networks.Springs(
@@ -173,8 +210,11 @@ class SpringNetwork:
             np.arange(capacity) < rows,
         )  # fmt: skip
         networks.measure_springs(
-            springs, rows, self.elements, self._rest, self.material.young_modulus
+            springs, rows, self._stiff_elements, self._rest, self.material.young_modulus
         )  # fmt: skip
+        if mesh.sheet is not None:
+            moduli = self.material.young_modulus * volumes
+            springs.stiffness[:rows] = moduli / springs.length[:rows] ** 2
         return springs, rows
 
     def _build_lists(self) -> tuple[networks.Lists, int]:

@@ -5,32 +5,27 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.material_field import lame_constants
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.stiffness import BlockRows, assemble_rows
 
-
-def lame_constants(material: Material) -> tuple[float, float]:
-    """Lame's constants lambda and mu [Pa]."""
-    E, nu = material.young_modulus, material.poisson_ratio
-    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+__all__ = ["Stiffness", "lame_constants"]
 
 
 class Stiffness:
     """3x3 blocks in the places of the spring network's lists: an edge of the mesh is a block.
 
-    Linear tetrahedra, homogeneous and isotropic; see docs/finite_element.md.
+    Linear tetrahedra of the network's material; see docs/finite_element.md and docs/materials.md.
 
     Attributes:
         inverse: Inverse diagonal blocks [m/N], shape (node_capacity, 9); zero for a node without
             elements.
     """
 
-    def __init__(self, springs: SpringNetwork, material: Material) -> None:
+    def __init__(self, springs: SpringNetwork) -> None:
         """Assemble all rows."""
         self.springs = springs
-        self._lame = lame_constants(material)
         self._blocks = np.zeros((len(springs.arrays.neighbour), 9), dtype=springs.dtype)
         self.inverse = np.zeros((springs.mesh.node_capacity, 9), dtype=springs.dtype)
         self._assemble(np.arange(springs.mesh.node_rows, dtype=np.int32))
@@ -56,5 +51,6 @@ class Stiffness:
     def _assemble(self, nodes: NDArray[np.int32]) -> None:
         springs = self.springs
         assemble_rows(
-            nodes, springs.elements, springs.mesh.rest, self._lame, self.rows, self.inverse
-        )
+            nodes, springs.elements, springs.mesh.rest, springs.field.matter, self.rows,
+            self.inverse,
+        )  # fmt: skip

@@ -41,6 +41,7 @@ class VertexBlockDescent(MeshModel):
     """
 
     anisotropic: ClassVar[bool] = True
+    anisotropic: ClassVar[bool] = True
     name: ClassVar[str] = "vertex_block_descent"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("step", 1.0, 0.1, 1.95, "", "share of Newton's step that a node takes"),

@@ -89,6 +89,8 @@ def _keep_elements(raw: RawMesh, keep: NDArray[np.bool_]) -> RawMesh:
         tetrahedra=raw.tetrahedra[keep],
         element_file_ids=raw.element_file_ids[keep],
         regions=raw.regions[keep] if len(raw.regions) else raw.regions,
+        element_vectors={name: rows[keep] for name, rows in raw.element_vectors.items()},
+        fibres=raw.fibres[keep] if len(raw.fibres) else raw.fibres,
     )
 
 

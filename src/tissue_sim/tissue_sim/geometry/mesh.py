@@ -1,4 +1,4 @@
-"""The versioned tetrahedral mesh."""
+"""The versioned mesh: tetrahedra, or a sheet of triangles and springs."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 
 class Mesh:
     """A tetrahedral mesh that edits change in place, with permanent ids and spare capacity.
+
+    Tissue can also be a sheet of triangles and springs; then there are no elements, and no edit
+    can be applied.
 
     Rows are where things lie in memory; ids are what everyone but kernels uses. A removed node or
     element leaves a tombstone (`*_alive` false). Rows never move within a session, so Gauss-Seidel
@@ -36,7 +39,10 @@ class Mesh:
         element_versions: Version that last changed each element.
         regions: Region label of each element.
         region_names: Names of region labels.
+        fibres: Unit vector along the fibres of each element at rest, zero where it has none,
+            float32, shape (element_capacity, 3).
         incident: Element rows at each node row.
+        sheet: Triangles and springs of tissue without elements; None: there are elements.
         version: Grows with every edit; 1 when built.
     """
 
@@ -53,7 +59,7 @@ class Mesh:
         nodes, elements = len(raw.points), len(raw.tetrahedra)
         node_capacity = int(nodes * (1 + spare)) + 1024
         element_capacity = int(elements * (1 + spare)) + 1024
-        self.name, self.source = raw.name, raw.source
+        self.name, self.source, self.sheet = raw.name, raw.source, raw.sheet
         self.region_names = dict(raw.region_names)
         self.version = 1
         self.node_rows, self.element_rows = nodes, elements
@@ -84,6 +90,9 @@ class Mesh:
         self.regions = np.zeros(element_capacity, dtype=np.int32)
         if len(raw.regions):
             self.regions[:elements] = raw.regions
+        self.fibres = np.zeros((element_capacity, 3), dtype=np.float32)
+        if len(raw.fibres):
+            self.fibres[:elements] = raw.fibres
         self.incident = Incidence.build(
             self.tets[:elements], self.element_alive[:elements], node_capacity
         )
@@ -180,7 +189,7 @@ class Mesh:
             rows = self.element_capacity + max(elements, self.element_capacity // 4)
             for name, fill in (
                 ("tets", NO_ROW), ("element_file_ids", -1), ("element_alive", False),
-                ("element_versions", 1), ("regions", 0),
+                ("element_versions", 1), ("regions", 0), ("fibres", 0),
             ):  # fmt: skip
                 setattr(self, name, longer(getattr(self, name), rows, fill))
             self.element_ids = np.arange(rows, dtype=np.uint32)
@@ -198,6 +207,7 @@ class Mesh:
         self.element_alive[rows] = True
         self.element_file_ids[rows] = -1
         self.regions[rows] = self.regions[parents]
+        self.fibres[rows] = self.fibres[parents]
         self.element_alive[removed] = False
         self.element_rows += len(rows)
 

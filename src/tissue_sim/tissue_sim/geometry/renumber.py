@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet import sides
 
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
@@ -23,10 +24,12 @@ def neighbour_distance(tets: NDArray[np.integer]) -> float:
 def renumber(raw: RawMesh) -> RawMesh:
     """Order nodes by reverse Cuthill-McKee and elements by their lowest node.
 
-    File ids, regions and node sets follow. The same mesh always gets the same order.
+    File ids, regions, fibres and node sets follow. The same mesh always gets the same order.
     """
     count = len(raw.points)
     pairs = raw.tetrahedra[:, _EDGES].reshape(-1, 2)
+    if not len(raw.tetrahedra):
+        pairs = sides(raw.triangles)
     ones = np.ones(len(pairs), dtype=np.int8)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
     old_of_new = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True).astype(np.int64)
@@ -44,6 +47,8 @@ def renumber(raw: RawMesh) -> RawMesh:
         tetrahedra=tetrahedra[order],
         triangles=new_of_old[raw.triangles],
         regions=raw.regions[order] if len(raw.regions) else raw.regions,
+        element_vectors={name: rows[order] for name, rows in raw.element_vectors.items()},
+        fibres=raw.fibres[order] if len(raw.fibres) else raw.fibres,
         node_sets={name: np.sort(new_of_old[rows]) for name, rows in raw.node_sets.items()},
         node_file_ids=node_ids[old_of_new],
         element_file_ids=element_ids[order],

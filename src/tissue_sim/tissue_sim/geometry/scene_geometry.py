@@ -9,11 +9,13 @@ from pathlib import Path
 
 from tissue_sim.geometry import formats
 from tissue_sim.geometry.check import Report, mend
+from tissue_sim.geometry.fibres import fibres_of
 from tissue_sim.geometry.fill import fill_surface
 from tissue_sim.geometry.fixed_nodes import fixed_nodes
 from tissue_sim.geometry.heart import heart
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.regions import paint
 from tissue_sim.geometry.renumber import renumber
 from tissue_sim.geometry.shapes import block, sphere_shell, wall
 from tissue_sim.geometry.suggestions import Interaction, suggest_interaction
@@ -54,6 +56,8 @@ def load(
     parameters: Mapping[str, Number] | None = None,
     cell: float | None = None,
     folder: Path | None = None,
+    regions: Mapping[str, str] | None = None,
+    fibres: str = "",
 ) -> SceneGeometry:
     """Make the mesh of a scene.
 
@@ -64,6 +68,8 @@ def load(
         parameters: Parameters of a generated shape, by name.
         cell: Element size for filling a surface [m]; default chosen by `fill_surface`.
         folder: Folder that a relative file name is in; default the working directory.
+        regions: Where the scene's regions lie, by name (see `geometry.regions`).
+        fibres: How fibres run (see `geometry.fibres`).
 
     Raises:
         ValueError: Something about the request is wrong.
@@ -72,6 +78,8 @@ def load(
     raw, said = _raw(str(name_or_path), units, dict(parameters or {}), cell, folder)
     raw, report = mend(raw)
     raw = renumber(raw)
+    raw = paint(raw, regions) if regions else raw
+    raw = replace(raw, fibres=fibres_of(raw, fibres))
     nodes = fixed_nodes(raw, fixed)
     return SceneGeometry(Mesh(raw, nodes), raw, replace(report, mended=said + report.mended))
 

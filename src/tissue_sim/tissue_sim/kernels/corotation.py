@@ -19,11 +19,17 @@ where M = sum_k m_k v_k v_k^T is what turning a stressed element costs, with s_i
 
     m_k = (mu (e_i + e_j) + lambda tr e) / (s_i + s_j),
 
-the twist eigenvalues of Smith and others. Negative ones are left out, so that K is positive
-semidefinite. S comes from the eigenvectors of F^T F - I = H + H^T + H^T H (Jacobi's rotations), in
-which nothing is subtracted that is of size 1: tissue at rest, or moved without turning, has no
-force bit for bit. The last column of R is the cross product of the others, so that an inverted
-element has a negative s_3 and is pushed back along its shortest way.
+the twist eigenvalues of Smith and others. Fibres along f of stiffness k add k e_f^2 / 2 to Psi,
+with their stretch s_f = |F f| and e_f = s_f - 1, so with y = F f / s_f
+
+    f_a -= V k e_f (f . g_a) y,
+    K_ab += V k (f . g_a)(f . g_b) [y y^T + e_f / s_f (I - y y^T)].
+
+Negative m_k and e_f are left out of K, so that it is positive semidefinite. S comes from the
+eigenvectors of F^T F - I = H + H^T + H^T H (Jacobi's rotations), in which nothing is subtracted
+that is of size 1: tissue at rest, or moved without turning, has no force bit for bit. The last
+column of R is the cross product of the others, so that an inverted element has a negative s_3 and
+is pushed back along its shortest way.
 
 References:
     M. Mueller, M. Gross, Interactive virtual materials, Graphics Interface 2004.
@@ -43,12 +49,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.matter import Matter
 from tissue_sim.kernels.networks import Elements
 from tissue_sim.kernels.springs import FAST
 from tissue_sim.kernels.stiffness import BlockRows, _invert, shape_gradients
 
 SMALL = 1e-14
 """Off-diagonal strain that counts as none."""
+
+SHORT = 1e-6
+"""Smallest stretch of fibres that is divided by."""
 
 NARROW = 0.1
 """Smallest s_i + s_j that a twist eigenvalue is divided by."""
@@ -60,13 +70,13 @@ class Solid(NamedTuple):
     Attributes:
         elements: The mesh.
         rest: Rest positions [m], shape (node_capacity, 3).
-        lame: lambda and mu [Pa].
-        keep: Share of the negative m_k in the tangent.
+        matter: What the elements are made of.
+        keep: Share of the negative m_k and e_f in the tangent.
     """
 
     elements: Elements
     rest: NDArray[np.float64]
-    lame: tuple[float, float]
+    matter: Matter
     keep: float
 
 
@@ -81,6 +91,10 @@ class Response(NamedTuple):
         axes: Scratch, shape (3, 3).
         turned: Scratch, shape (3, 3).
         block: Scratch, shape (3, 3).
+        constants: lambda, mu and k [Pa], shape (3,).
+        along: R f, shape (3,).
+        pull: k e_f y [Pa], shape (3,).
+        holding: Fibres' part of the tangent [Pa], shape (3, 3).
     """
 
     gradients: NDArray[np.float64]
@@ -90,11 +104,16 @@ class Response(NamedTuple):
     axes: NDArray[np.float64]
     turned: NDArray[np.float64]
     block: NDArray[np.float64]
+    constants: NDArray[np.float64]
+    along: NDArray[np.float64]
+    pull: NDArray[np.float64]
+    holding: NDArray[np.float64]
 
 
 def response() -> Response:
     """Room for one element's response."""
-    return Response(np.zeros((4, 3)), *(np.zeros((3, 3)) for _ in range(6)))
+    shapes = [(4, 3), *6 * [(3, 3)], *3 * [(3,)], (3, 3)]
+    return Response(*(np.zeros(shape) for shape in shapes))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -178,6 +197,30 @@ def _twist(ei, ej, trace, lam, mu, keep):  # type: ignore[no-untyped-def] # noqa
     return m if m > 0.0 else keep * m
 
 
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def _stretch_fibres(f, k, keep, found):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Force and tangent of fibres into `found`; their energy density [Pa]."""
+    C, F, pull, holding = found.strain, found.block, found.pull, found.holding
+    # |F f|^2 - |f|^2, in which nothing is subtracted that is of size 1.
+    q = 0.0
+    for i in range(3):
+        q += f[i] * (C[i, 0] * f[0] + C[i, 1] * f[1] + C[i, 2] * f[2])
+    stretch = max(np.sqrt(max(1.0 + q, 0.0)), SHORT)
+    e = q / (1.0 + stretch)
+    across = k * e / stretch
+    if across < 0.0:
+        across *= keep
+    for i in range(3):
+        pull[i] = (F[i, 0] * f[0] + F[i, 1] * f[1] + F[i, 2] * f[2]) / stretch
+    for i in range(3):
+        for j in range(3):
+            holding[i, j] = (k - across) * pull[i] * pull[j]
+        holding[i, i] += across
+    for i in range(3):
+        pull[i] *= k * e
+    return 0.5 * k * e * e
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def respond(
     solid: Solid, u: NDArray[np.floating], element: int, out: Response
@@ -188,14 +231,17 @@ def respond(
         V [m^3] and the energy [J]; zeros for an element without volume, of which nothing is
         written.
     """
-    tets, rest, (lam, mu), keep = solid.elements.tets, solid.rest, solid.lame, solid.keep
-    g, T, M, C, U, V, F = out
+    tets, rest, matter, keep = solid.elements.tets, solid.rest, solid.matter, solid.keep
+    g, T, M, C, U, V, F, constants, _, _, _ = out
     i0, i1, i2, i3 = tets[element, 0], tets[element, 1], tets[element, 2], tets[element, 3]
     if i0 < 0:
         return 0.0, 0.0
     volume = shape_gradients(rest, tets, element, g)
     if volume == 0.0:
         return 0.0, 0.0
+    kind = matter.kind[element]
+    lam, mu, k = matter.table[kind, 0], matter.table[kind, 1], matter.table[kind, 2]
+    constants[0], constants[1], constants[2] = lam, mu, k
     for i in range(3):
         base = np.float64(u[i0, i])
         a, b, c = u[i1, i] - base, u[i2, i] - base, u[i3, i] - base
@@ -209,6 +255,7 @@ def respond(
             C[j, i] = C[i, j]
     for i in range(3):
         F[i, i] += 1.0
+    fibre_energy = _stretch_fibres(matter.fibres[element], k, keep, out) if k > 0.0 else 0.0
     _diagonalise(C, U)
     s1, s2, s3 = _turned(F, U, V)
     e1, e2 = C[0, 0] / (1.0 + s1), C[1, 1] / (1.0 + s2)
@@ -223,24 +270,35 @@ def respond(
             a, b, c = V[0, i] * V[0, j], V[1, i] * V[1, j], V[2, i] * V[2, j]
             T[i, j] = T[j, i] = t1 * a + t2 * b + t3 * c
             M[i, j] = M[j, i] = m1 * a + m2 * b + m3 * c
-    for k in range(4):
-        a = U[0, 0] * g[k, 0] + U[0, 1] * g[k, 1] + U[0, 2] * g[k, 2]
-        b = U[1, 0] * g[k, 0] + U[1, 1] * g[k, 1] + U[1, 2] * g[k, 2]
-        c = U[2, 0] * g[k, 0] + U[2, 1] * g[k, 1] + U[2, 2] * g[k, 2]
-        for i in range(3):
-            g[k, i] = a * V[0, i] + b * V[1, i] + c * V[2, i]
-    energy = mu * (e1 * e1 + e2 * e2 + e3 * e3) + 0.5 * p * trace
+    for corner in range(4):
+        _turn(g[corner], U, V, g[corner])
+    if k > 0.0:
+        _turn(matter.fibres[element], U, V, out.along)
+    energy = fibre_energy + mu * (e1 * e1 + e2 * e2 + e3 * e3) + 0.5 * p * trace
     return volume, volume * energy
+
+
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def _turn(x, U, V, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """R x into `out`."""
+    a = U[0, 0] * x[0] + U[0, 1] * x[1] + U[0, 2] * x[2]
+    b = U[1, 0] * x[0] + U[1, 1] * x[1] + U[1, 2] * x[2]
+    c = U[2, 0] * x[0] + U[2, 1] * x[1] + U[2, 2] * x[2]
+    for i in range(3):
+        out[i] = a * V[0, i] + b * V[1, i] + c * V[2, i]
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def _force(a, volume, found):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     g, T = found.gradients[a], found.stress
-    return (
-        -volume * (T[0, 0] * g[0] + T[0, 1] * g[1] + T[0, 2] * g[2]),
-        -volume * (T[1, 0] * g[0] + T[1, 1] * g[1] + T[1, 2] * g[2]),
-        -volume * (T[2, 0] * g[0] + T[2, 1] * g[1] + T[2, 2] * g[2]),
-    )
+    f0 = -volume * (T[0, 0] * g[0] + T[0, 1] * g[1] + T[0, 2] * g[2])
+    f1 = -volume * (T[1, 0] * g[0] + T[1, 1] * g[1] + T[1, 2] * g[2])
+    f2 = -volume * (T[2, 0] * g[0] + T[2, 1] * g[1] + T[2, 2] * g[2])
+    if found.constants[2] > 0.0:
+        along, pull = found.along, found.pull
+        s = -volume * (along[0] * g[0] + along[1] * g[1] + along[2] * g[2])
+        f0, f1, f2 = f0 + s * pull[0], f1 + s * pull[1], f2 + s * pull[2]
+    return f0, f1, f2
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
@@ -256,9 +314,9 @@ def _add_block(rows, node, other, block, transposed):  # type: ignore[no-untyped
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _block(a, b, volume, lame, found, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _block(a, b, volume, found, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """K_ab [N/m] into `out`."""
-    lam, mu = volume * lame[0], volume * lame[1]
+    lam, mu = volume * found.constants[0], volume * found.constants[1]
     M = found.twist
     g0, g1, g2 = found.gradients[a, 0], found.gradients[a, 1], found.gradients[a, 2]
     h0, h1, h2 = found.gradients[b, 0], found.gradients[b, 1], found.gradients[b, 2]
@@ -277,6 +335,13 @@ def _block(a, b, volume, lame, found, out):  # type: ignore[no-untyped-def] # no
     out[2, 0] = lam * g2 * h0 + mu * h2 * g0 - (g0 * u1 - g1 * u0)
     out[2, 1] = lam * g2 * h1 + mu * h2 * g1 - (g0 * v1 - g1 * v0)
     out[2, 2] = (lam + mu) * g2 * h2 + dot - (g0 * w1 - g1 * w0)
+    if found.constants[2] > 0.0:
+        along, holding = found.along, found.holding
+        s = volume * (along[0] * g0 + along[1] * g1 + along[2] * g2)
+        s *= along[0] * h0 + along[1] * h1 + along[2] * h2
+        for i in range(3):
+            for j in range(3):
+                out[i, j] += s * holding[i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -308,7 +373,7 @@ def add_elements(
             f[tet[a], 1] += f1
             f[tet[a], 2] += f2
             for b in range(a + 1, 4):
-                _block(a, b, volume, solid.lame, found, block)
+                _block(a, b, volume, found, block)
                 _add_block(rows, tet[a], tet[b], block, False)
                 _add_block(rows, tet[b], tet[a], block, True)
     return total
@@ -339,7 +404,7 @@ def assemble_nodes(
                 a += 1
             for b in range(4):
                 if b != a:
-                    _block(a, b, volume, solid.lame, found, block)
+                    _block(a, b, volume, found, block)
                     _add_block(rows, node, tet[b], block, False)
 
 

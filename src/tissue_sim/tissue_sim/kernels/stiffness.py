@@ -1,7 +1,8 @@
 """Loops over the block rows of a stiffness matrix, and those of conjugate gradients.
 
 Symbols: K_ij the 3x3 block of nodes i and j [N/m], x displacement-like [m], V volume [m^3], g_a the
-gradient of the shape function of an element's node a [1/m], lambda and mu Lame's constants [Pa].
+gradient of the shape function of an element's node a [1/m], lambda and mu Lame's constants [Pa], k
+the stiffness of its fibres [Pa] and f the unit vector along them.
 
 A row is never stored with its diagonal: the blocks of a row sum to zero, so that
 
@@ -18,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.matter import Matter
 from tissue_sim.kernels.networks import Elements
 from tissue_sim.kernels.springs import FAST
 
@@ -105,25 +107,25 @@ def assemble_rows(
     nodes: NDArray[np.int32],
     elements: Elements,
     rest: NDArray[np.float64],
-    lame: tuple[float, float],
+    matter: Matter,
     rows: BlockRows,
     inverse: NDArray[np.floating],
 ) -> None:
     """Rows of nodes and the inverses of their diagonal blocks, from the elements at them.
 
-    K_ab = V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I).
+    K_ab = V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I + k (f . g_a)(f . g_b) f f^T), the
+    last term being that of the energy k (f . strain f)^2 / 2.
 
     Args:
         nodes: Rows to assemble.
         elements: The mesh.
         rest: Rest positions [m], shape (node_capacity, 3).
-        lame: lambda and mu [Pa].
+        matter: What the elements are made of.
         rows: The matrix; the rows of the nodes are written.
         inverse: Inverse diagonal blocks [m/N], shape (node_capacity, 9); written; zero for a node
             without elements.
     """
-    lam, mu = lame
-    g = np.empty((4, 3))
+    g, f = np.empty((4, 3)), matter.fibres
     diagonal = np.empty((3, 3))
     sums = np.empty((1024, 9))
     for node in nodes:
@@ -137,6 +139,8 @@ def assemble_rows(
             volume = shape_gradients(rest, elements.tets, element, g)
             if volume == 0.0:
                 continue
+            kind = matter.kind[element]
+            lam, mu, k = matter.table[kind, 0], matter.table[kind, 1], matter.table[kind, 2]
             a = 0
             while elements.tets[element, a] != node:
                 a += 1
@@ -155,6 +159,13 @@ def assemble_rows(
                         entry_ij = lam * g[a, i] * g[b, j] + mu * g[b, i] * g[a, j]
                         sums[place, 3 * i + j] += volume * entry_ij
                     sums[place, 4 * i] += volume * mu * dot
+                if k > 0.0:
+                    f0, f1, f2 = f[element, 0], f[element, 1], f[element, 2]
+                    along = f0 * g[a, 0] + f1 * g[a, 1] + f2 * g[a, 2]
+                    along *= volume * k * (f0 * g[b, 0] + f1 * g[b, 1] + f2 * g[b, 2])
+                    for i in range(3):
+                        for j in range(3):
+                            sums[place, 3 * i + j] += along * f[element, i] * f[element, j]
         diagonal[:] = 0.0
         for place in range(degree):
             for i in range(3):

@@ -74,6 +74,7 @@ def _from_meshio(mesh: Any, path: Path) -> RawMesh:
         tetrahedra=tetrahedra,
         triangles=triangles,
         regions=regions,
+        element_vectors=_element_vectors(mesh),
         region_names=_group_names(mesh, dimension=3),
         node_sets={**_sets_of_groups(mesh), **_sets_of_point_data(mesh)},
     )
@@ -102,6 +103,17 @@ def _cells(mesh: Any, kind: str, corners: int) -> tuple[NDArray[np.int64], NDArr
     labels = np.concatenate([np.asarray(mesh.cell_data[name][i]).ravel() for i in blocks])
     labels = np.where(np.isfinite(labels), labels, 0) if labels.dtype.kind == "f" else labels
     return cells, labels.astype(np.int32)
+
+
+def _element_vectors(mesh: Any) -> dict[str, NDArray[np.float64]]:
+    """Cell data of three numbers by name, those of the tetrahedra."""
+    blocks = [i for i, block in enumerate(mesh.cells) if block.type == "tetra"]
+    found = {}
+    for name, values in mesh.cell_data.items():
+        parts = [np.asarray(values[i]) for i in blocks]
+        if parts and all(part.ndim == 2 and part.shape[1] == 3 for part in parts):
+            found[str(name)] = np.concatenate(parts).astype(np.float64)
+    return found
 
 
 def _group_names(mesh: Any, dimension: int) -> dict[int, str]:
