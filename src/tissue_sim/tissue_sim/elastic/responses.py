@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import State
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.lanes import LANES
 from tissue_sim.kernels.responses import add_responses, project
 
 AFFINE_MOTIONS = 12
@@ -21,58 +22,72 @@ MOST = 48
 class Responses:
     """Orthonormal motions of the held nodes met so far, and the solution for each.
 
-    The last motion may be pending: it has no response yet.
+    Some of the motions may be pending: they have no response yet, and a lane of the solver works on
+    it. Held nodes that are neighbours form a patch, which is moved by one tool or several.
 
     Attributes:
         used: Motions whose response is known.
-        pending: Whether one more motion is being solved for.
+        pending: Lane of each pending motion.
         changed: Whether the last call of `follow_motion` changed `sum`.
         sum: Base and known responses at their present shares [m], shape (node_capacity, 3).
+        guess: First guess of the response of the motion that began last, shape (node_capacity, 3).
     """
 
     def __init__(self, capacity: int, dtype: type[np.floating]) -> None:
         """Begin with nothing held."""
-        self.used, self.pending, self.changed = 0, False, False
+        self.used, self.changed = 0, False
+        self.pending: list[int] = []
         self.sum = np.zeros((capacity, 3), dtype=dtype)
+        self.guess = np.zeros((capacity, 3), dtype=dtype)
         self._base = np.zeros((capacity, 3), dtype=dtype)
         self._known = np.zeros((MOST, capacity, 3), dtype=dtype)
         self._old = np.zeros((MOST, capacity, 3), dtype=dtype)
         self._old_count = 0
-        self._shares, self._old_shares = np.zeros(MOST + 1), np.zeros(MOST + 1)
-        self._hold(np.empty(0, dtype=np.int32))
+        # Known motions come first, then the pending ones in the order of `pending`.
+        self._shares, self._old_shares = np.zeros(MOST + LANES), np.zeros(MOST)
+        self._hold(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))
 
-    def _hold(self, held: NDArray[np.int32]) -> None:
-        self._held = held
+    def _hold(self, held: NDArray[np.int32], patches: NDArray[np.int32]) -> None:
+        self._held, self._patches = held, patches
         self._origin = np.zeros((len(held), 3))
         self._left = np.zeros((len(held), 3))
-        self._proposed = 0
-        self._patterns = np.zeros((MOST + 1, len(held), 3))
+        self._proposed = np.zeros(int(patches.max(initial=-1)) + 1, dtype=np.int64)
+        self._moved = 0
+        self._patterns = np.zeros((MOST + LANES, len(held), 3))
         self._old_patterns = np.zeros_like(self._patterns)
         self._old_count = 0
 
     @property
-    def share(self) -> float:
-        """Share of the pending motion in the present pose [m]."""
-        return float(self._shares[self.used])
-
-    @property
-    def overtaken(self) -> bool:
-        """Whether the motion that is in none of them is far larger than the pending one."""
-        return self.pending and math.sqrt(float((self._left**2).sum())) > 4.0 * abs(self.share)
-
-    @property
     def full(self) -> bool:
         """Whether there is no place for one more."""
-        return self.used == MOST
+        return self.used + len(self.pending) >= MOST
 
-    def restart(self, state: State, held: NDArray[np.int32]) -> None:
+    @property
+    def crowded(self) -> bool:
+        """Whether the places that are left should be kept for motions that occur."""
+        return self.used + len(self.pending) >= MOST - LANES
+
+    def share_of(self, lane: int) -> float:
+        """Share of a pending motion in the present pose [m]."""
+        return float(self._shares[self.used + self.pending.index(lane)])
+
+    def overtaken(self) -> int | None:
+        """Lane of a pending motion that is far smaller than what is in none of them."""
+        if not self.pending:
+            return None
+        lane = min(self.pending, key=lambda each: abs(self.share_of(each)))
+        left = math.sqrt(float((self._left**2).sum()))
+        return lane if left > 4.0 * abs(self.share_of(lane)) else None
+
+    def restart(self, state: State, held: NDArray[np.int32], patches: NDArray[np.int32]) -> None:
         """Begin anew from the present shape, which is kept whatever it is.
 
         Args:
             state: Displacements.
             held: Rows of the held nodes.
+            patches: Which patch each belongs to, counted from 0.
         """
-        self._hold(held.astype(np.int32))
+        self._hold(held.astype(np.int32), patches)
         self.restart_at(state)
 
     def restart_at(self, state: State) -> None:
@@ -81,13 +96,16 @@ class Responses:
         self.sum[:] = state.displacement
         self._origin[:] = state.displacement[self._held]
         self._shares[:] = 0.0
-        self.used, self.pending = 0, False
+        self._proposed[:] = 0
+        self.used, self.pending = 0, []
 
     def follow(self, change: EditChange, state: State) -> None:
         """Begin anew after an edit; what was known is where further solutions start from."""
         extra = len(state.displacement) - len(self.sum)
         if extra > 0:
-            self.sum, self._base = (np.pad(a, ((0, extra), (0, 0))) for a in (self.sum, self._base))
+            self.sum, self._base, self.guess = (
+                np.pad(a, ((0, extra), (0, 0))) for a in (self.sum, self._base, self.guess)
+            )
             self._known, self._old = (
                 np.pad(a, ((0, 0), (0, extra), (0, 0))) for a in (self._known, self._old)
             )
@@ -107,14 +125,16 @@ class Responses:
         """
         largest, self.changed = project(
             self._held, state.displacement, self._origin, self._patterns,
-            self.used + self.pending, self._shares, self._left,
+            self.used + len(self.pending), self._shares, self._left,
         )  # fmt: skip
         if self.changed:
             add_responses(rows, self._base, self._shares, self._known, self.used, self.sum)
         return math.sqrt(largest)
 
     def propose(self, rest: NDArray[np.float64]) -> bool:
-        """Look for an affine motion of all that is held that has not been met yet.
+        """Look for an affine motion of a patch that has not been met yet.
+
+        The patch that moved last comes first.
 
         Args:
             rest: Rest positions of the mesh [m], shape (node_capacity, 3).
@@ -122,53 +142,77 @@ class Responses:
         Returns:
             Whether there is one; `begin` takes it.
         """
-        while len(self._held) and self._proposed < AFFINE_MOTIONS and not self.full:
-            axis, factor = self._proposed % 3, self._proposed // 3
-            self._proposed += 1
-            self._left[:] = 0.0
-            if factor == 0:
-                self._left[:, axis] = 1.0
-            else:
-                along = rest[self._held, factor - 1]
-                self._left[:, axis] = along - along.mean()
-            size = math.sqrt(float((self._left**2).sum()))
-            for k in range(self.used):
-                self._left -= (self._left * self._patterns[k]).sum() * self._patterns[k]
-            if math.sqrt(float((self._left**2).sum())) > 1e-3 * size > 0.0:
-                return True
+        patches = len(self._proposed)
+        for k in range(patches):
+            patch = (self._moved + k) % patches
+            while self._proposed[patch] < AFFINE_MOTIONS and not self.crowded:
+                number = int(self._proposed[patch])
+                self._proposed[patch] += 1
+                if self._leave(number, self._patches == patch, rest[self._held]):
+                    return True
         return False
 
-    def begin(self, x: NDArray[np.floating], proposed: bool = False) -> None:
-        """Make what is left of the motion the pending one, and write a first guess of its response.
+    def _leave(self, number: int, members: NDArray[np.bool_], rest: NDArray[np.float64]) -> bool:
+        """Leave what is new of an affine motion of a patch; whether it is anything."""
+        axis, factor = number % 3, number // 3
+        self._left[:] = 0.0
+        along = np.ones(len(rest)) if factor == 0 else rest[:, factor - 1]
+        middle = 0.0 if factor == 0 else along[members].mean()
+        self._left[members, axis] = along[members] - middle
+        size = math.sqrt(float((self._left**2).sum()))
+        for pattern in self._patterns[: self.used + len(self.pending)]:
+            self._left -= (self._left * pattern).sum() * pattern
+        return math.sqrt(float((self._left**2).sum())) > 1e-3 * size > 0.0
+
+    def begin(self, lane: int, proposed: bool = False) -> None:
+        """Make what is left of the motion a pending one, and write a first guess of its response.
+
+        The guess is the motion in the held nodes, and elsewhere what is known from before the last
+        edit.
 
         Args:
-            x: Written: the motion in the held nodes, elsewhere what is known from before the last
-                edit, shape (node_capacity, 3).
+            lane: Lane of the solver that works on it.
             proposed: Whether it is what `propose` found, and does not occur yet.
         """
-        pattern = self._patterns[self.used]
-        norm = math.sqrt(float((self._left**2).sum()))
+        place = self.used + len(self.pending)
+        self.pending.append(lane)
+        pattern = self._patterns[place]
+        squared = (self._left**2).sum(axis=1)
+        norm = math.sqrt(float(squared.sum()))
+        if not proposed:
+            self._moved = int(self._patches[squared.argmax()])
         np.divide(self._left, norm, out=pattern)
-        self._shares[self.used] = 0.0 if proposed else norm
-        self.pending = True
+        self._shares[place] = 0.0 if proposed else norm
         old = self._old_shares[: self._old_count]
         np.einsum("kij,ij->k", self._old_patterns[: self._old_count], pattern, out=old)
-        x[:] = 0
+        self.guess[:] = 0
         if self._old_count:
-            add_responses(len(x), x, self._old_shares, self._old, self._old_count, x)
-        x[self._held] = pattern
+            add_responses(
+                len(self.guess), self.guess, self._old_shares, self._old, self._old_count,
+                self.guess,
+            )  # fmt: skip
+        self.guess[self._held] = pattern
 
-    def abandon(self) -> None:
-        """Give the pending motion up; if it was proposed it will be again."""
-        self.pending = False
-        self._proposed = 0
+    def abandon(self, lane: int) -> None:
+        """Give a pending motion up; if it was proposed it will be again."""
+        self._swap(self.pending.index(lane), len(self.pending) - 1)
+        self.pending.pop()
+        self._proposed[:] = 0
 
-    def finish(self, x: NDArray[np.floating]) -> None:
-        """Keep the response of the pending motion."""
+    def finish(self, lane: int, x: NDArray[np.floating]) -> None:
+        """Keep the response of a pending motion."""
+        self._swap(self.pending.index(lane), 0)
+        self.pending.pop(0)
         self._known[self.used] = x
-        self.sum += x.dtype.type(self.share) * x
+        self.sum += self.sum.dtype.type(self._shares[self.used]) * self._known[self.used]
         self.used += 1
-        self.pending = False
+
+    def _swap(self, first: int, second: int) -> None:
+        places = [self.used + first, self.used + second]
+        self._patterns[places] = self._patterns[places[::-1]]
+        self._shares[places] = self._shares[places[::-1]]
+        lanes = self.pending
+        lanes[first], lanes[second] = lanes[second], lanes[first]
 
     def correct(self, x: NDArray[np.floating]) -> None:
         """Add to what does not depend on the motion."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.kernels.aggregates import farthest_points, spread_labels
+from tissue_sim.kernels.conjugate_lanes import coarse_product as lanes_product
 from tissue_sim.kernels.stiffness import Aggregates, aggregate_stiffness, coarse_product
 
 NODES_EACH = 40
@@ -89,6 +90,11 @@ class RigidAggregates:
         """What the aggregates do about the forces on them."""
         if len(self.force):
             coarse_product(self._inverse, self.force.ravel(), self.motion.ravel())
+
+    def solve_lanes(self, force: NDArray[np.floating], motion: NDArray[np.floating]) -> None:
+        """What the aggregates do about several sets of forces, shape (count, 6, 4) each."""
+        unknowns = (len(self._inverse), 1, force.shape[2])
+        lanes_product(self._inverse, force.reshape(unknowns), motion.reshape(unknowns))
 
     def follow(self, copied: NDArray[np.int32], parents: NDArray[np.int32], capacity: int) -> None:
         """Copies join the aggregates of their parents."""

@@ -70,3 +70,42 @@ def spread_labels(
                 label[other] = label[node]
                 queue[end] = other
                 end += 1
+
+
+@njit(cache=True, nogil=True)
+def patches_of(
+    nodes: NDArray[np.int32],
+    start: NDArray[np.uint32],
+    degree: NDArray[np.uint32],
+    neighbour: NDArray[np.uint32],
+) -> NDArray[np.int32]:
+    """Number of the patch of each node: nodes that edges among them join form one.
+
+    Args:
+        nodes: Rows of nodes.
+        start: Edges by node, as in `SpringArrays`.
+        degree: Edges by node.
+        neighbour: Edges by node.
+    """
+    place = np.full(len(start), -1, dtype=np.int32)
+    for k in range(len(nodes)):
+        place[nodes[k]] = k
+    label = np.full(len(nodes), -1, dtype=np.int32)
+    stack = np.empty(len(nodes), dtype=np.int32)
+    patches = 0
+    for k in range(len(nodes)):
+        if label[k] >= 0:
+            continue
+        label[k], stack[0], waiting = patches, k, 1
+        while waiting:
+            waiting -= 1
+            node = nodes[stack[waiting]]
+            first = np.int64(start[node])
+            for entry in range(first, first + np.int64(degree[node])):
+                other = place[neighbour[entry]]
+                if other >= 0 and label[other] < 0:
+                    label[other] = patches
+                    stack[waiting] = other
+                    waiting += 1
+        patches += 1
+    return label
