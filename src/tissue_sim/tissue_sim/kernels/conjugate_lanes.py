@@ -1,4 +1,4 @@
-"""Loops of conjugate gradients for four right-hand sides at once: one sweep over the matrix for all.
+"""Loops of conjugate gradients for four right-hand sides: one sweep over the matrix for all.
 
 Symbols as in `kernels.stiffness`; arrays of nodes have shape (node_capacity, 3, 4), the lane last.
 """

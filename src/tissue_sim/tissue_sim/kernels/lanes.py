@@ -27,7 +27,7 @@ def load(a: NDArray[np.floating], i: int, c: int) -> Lanes:
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def store(a: NDArray[np.floating], i: int, c: int, v: Lanes) -> None:
-    """a[i, c] = v."""  # noqa: D403
+    """a[i, c] = v."""
     a[i, c, 0] = v[0]
     a[i, c, 1] = v[1]
     a[i, c, 2] = v[2]
