@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import State
 from tissue_sim.kernels.springs import node_forces
+from tissue_sim.kernels.torsion import add_torsion_at
 
 
 class SpringModel(MeshModel):
@@ -25,4 +26,9 @@ class SpringModel(MeshModel):
                 springs.tiny,
                 out,
             )
+            if springs.torsion is not None:
+                add_torsion_at(
+                    np.asarray(rows, dtype=np.int32), springs.arrays, springs.torsion.arrays,
+                    state.displacement, springs.tiny, out,
+                )  # fmt: skip
         return out

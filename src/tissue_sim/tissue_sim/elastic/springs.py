@@ -95,6 +95,8 @@ class SpringNetwork:
         networks.fill_lists(self.springs, self.rows, self._lists)
         self._expose()
         self.torsion = TorsionSprings.of(mesh, material, dtype)
+        if self.torsion is not None:
+            self.torsion.measure(self._rest)
         self.last_change = SpringChange(self.version, _no_rows(), np.empty(0, dtype=np.int8))
 
     @property

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from tissue_sim.geometry.mesh import Mesh
 
 NO_ROW = -1
+
+SHEETS_STAY_WHOLE = (
+    "tissue made of surfaces cannot be cut; allowed: geometry_kind volume, which is made of tetrahedra"
+)
 Rows = NDArray[np.int32]
 
 
@@ -60,6 +64,8 @@ class CheckedEdit:
 def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     """Check an edit; see `Mesh.check`."""
     refuse_malformed(edit)
+    if mesh.sheet is not None:
+        raise EditError(SHEETS_STAY_WHOLE)
     _refuse_stale(mesh, edit)
     nodes = _Names(edit.copied_nodes, mesh.node_rows, "node")
     added = _Names(edit.added_elements, mesh.element_rows, "element")

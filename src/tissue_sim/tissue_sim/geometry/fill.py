@@ -70,7 +70,7 @@ def fill_surface(raw: RawMesh, cell: float | None = None) -> Filled:
     if not len(raw.triangles):
         raise MeshError(f"{label(raw)}: there is no surface to fill")
     said: list[str] = []
-    surface = _Surface(raw, _outward(raw, said))
+    surface = _Surface(raw, outward_triangles(raw, said))
     if cell is None:
         mesh, cell = _fill_by_default(surface)
     else:
@@ -193,7 +193,7 @@ def _edges(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
     return edge_of.ravel(), np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0)
 
 
-def _outward(raw: RawMesh, said: list[str]) -> NDArray[np.int64]:
+def outward_triangles(raw: RawMesh, said: list[str]) -> NDArray[np.int64]:
     """Triangles with normals out of the tissue.
 
     Raises:

@@ -96,7 +96,7 @@ def _keep_elements(raw: RawMesh, keep: NDArray[np.bool_]) -> RawMesh:
 
 def _drop_unused(raw: RawMesh, mended: list[str]) -> RawMesh:
     """Drop nodes without an element."""
-    compact = _compacted(raw)
+    compact = compacted(raw)
     if len(compact.points) < len(raw.points):
         count = len(raw.points) - len(compact.points)
         mended.append(f"{count} nodes that no element uses were dropped")
@@ -106,7 +106,7 @@ def _drop_unused(raw: RawMesh, mended: list[str]) -> RawMesh:
     return compact
 
 
-def _compacted(raw: RawMesh) -> RawMesh:
+def compacted(raw: RawMesh) -> RawMesh:
     """The mesh without nodes that no element uses, and without surface triangles that name them."""
     items = raw.tetrahedra if len(raw.tetrahedra) else raw.triangles
     used = np.zeros(len(raw.points), dtype=np.bool_)
@@ -143,7 +143,7 @@ def _join_nodes(raw: RawMesh, mended: list[str]) -> RawMesh:
     if not joined:
         return raw
     mended.append(f"{joined} nodes that lay on another one were joined with it")
-    return _compacted(
+    return compacted(
         replace(
             raw,
             tetrahedra=row[raw.tetrahedra],
@@ -308,7 +308,7 @@ def _drop_islands(raw: RawMesh, mended: list[str]) -> RawMesh:
         f"{int(small.sum())} small islands with {nodes} nodes and {int(elements[small].sum())} "
         "elements in all were dropped"
     )
-    return _compacted(_keep_elements(raw, ~small[part]))
+    return compacted(_keep_elements(raw, ~small[part]))
 
 
 def _clean_triangles(raw: RawMesh, mended: list[str]) -> RawMesh:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tissue_sim.geometry import formats
 from tissue_sim.geometry.check import Report, mend
+from tissue_sim.geometry.check import inspect as inspect_mesh
 from tissue_sim.geometry.fibres import fibres_of
 from tissue_sim.geometry.fill import fill_surface
 from tissue_sim.geometry.fixed_nodes import fixed_nodes
@@ -18,6 +19,13 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.regions import paint
 from tissue_sim.geometry.renumber import renumber
 from tissue_sim.geometry.shapes import block, sphere_shell, wall
+from tissue_sim.geometry.sheet_geometry import (
+    VOLUME,
+    SheetSettings,
+    surface_of,
+    with_area,
+    with_sheet,
+)
 from tissue_sim.geometry.suggestions import Interaction, suggest_interaction
 
 __all__ = ["SHAPES", "Interaction", "SceneGeometry", "generate", "load", "suggest_interaction"]
@@ -58,6 +66,7 @@ def load(
     folder: Path | None = None,
     regions: Mapping[str, str] | None = None,
     fibres: str = "",
+    sheet: SheetSettings | None = None,
 ) -> SceneGeometry:
     """Make the mesh of a scene.
 
@@ -70,18 +79,50 @@ def load(
         folder: Folder that a relative file name is in; default the working directory.
         regions: Where the scene's regions lie, by name (see `geometry.regions`).
         fibres: How fibres run (see `geometry.fibres`).
+        sheet: How the surface of it becomes tissue; None: tetrahedra, a surface is filled.
 
     Raises:
         ValueError: Something about the request is wrong.
         MeshError: The mesh is.
     """
-    raw, said = _raw(str(name_or_path), units, dict(parameters or {}), cell, folder)
-    raw, report = mend(raw)
+    if sheet is not None:
+        sheet.checked()
+        _refuse_of_tetrahedra(sheet, cell, regions, fibres)
+    raw, said = _raw(str(name_or_path), units, dict(parameters or {}), folder)
+    if sheet is None and not len(raw.tetrahedra):
+        raw, more = _filled(raw, cell)
+        said += more
+    raw, report = mend(raw if sheet is None else surface_of(raw))
+    if sheet is not None:
+        return _sheet_geometry(raw, sheet, fixed, said + report.mended)
     raw = renumber(raw)
     raw = paint(raw, regions) if regions else raw
     raw = replace(raw, fibres=fibres_of(raw, fibres))
     nodes = fixed_nodes(raw, fixed)
     return SceneGeometry(Mesh(raw, nodes), raw, replace(report, mended=said + report.mended))
+
+
+def _refuse_of_tetrahedra(
+    sheet: SheetSettings, cell: float | None, regions: Mapping[str, str] | None, fibres: str
+) -> None:
+    for given, name in ((cell, "cell"), (regions, "regions"), (fibres, "fibres")):
+        if given:
+            raise ValueError(
+                f"{name} is for tetrahedra; geometry_kind {sheet.kind} has none "
+                f"(allowed: geometry_kind {VOLUME}, or no {name})"
+            )
+
+
+def _sheet_geometry(
+    raw: RawMesh, sheet: SheetSettings, fixed: str, said: tuple[str, ...]
+) -> SceneGeometry:
+    """A mesh of triangles and springs, of a mended surface."""
+    more: list[str] = []
+    raw = renumber(with_area(raw, more))
+    nodes = fixed_nodes(raw, fixed)
+    raw = with_sheet(raw, sheet, more)
+    report = inspect_mesh(raw)
+    return SceneGeometry(Mesh(raw, nodes), raw, replace(report, mended=(*said, *more)))
 
 
 def generate(name: str, parameters: Mapping[str, Number] | None = None) -> RawMesh:
@@ -118,7 +159,6 @@ def _raw(
     name: str,
     units: str | None,
     parameters: dict[str, Number],
-    cell: float | None,
     folder: Path | None,
 ) -> tuple[RawMesh, tuple[str, ...]]:
     if name in SHAPES:
@@ -130,9 +170,10 @@ def _raw(
             f"{name!r} is neither a shape ({', '.join(SHAPES)}) nor a mesh file; "
             f"{formats.SUPPORTED}"
         )
-    raw = formats.load((folder or Path()) / name, units)
-    if len(raw.tetrahedra):
-        return raw, ()
+    return formats.load((folder or Path()) / name, units), ()
+
+
+def _filled(raw: RawMesh, cell: float | None) -> tuple[RawMesh, tuple[str, ...]]:
     surface, surface_report = mend(raw)
     filled = fill_surface(surface, cell)
     return filled.raw, (*surface_report.mended, *filled.said)

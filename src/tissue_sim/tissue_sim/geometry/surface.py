@@ -1,12 +1,17 @@
-"""The boundary of a tetrahedral mesh: triangles with outward normals."""
+"""The surface of tissue: triangles with outward normals."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.faces import LOCAL_FACES
+
+if TYPE_CHECKING:
+    from tissue_sim.geometry.mesh import Mesh
 
 
 @njit(cache=True, nogil=True)
@@ -117,6 +122,17 @@ def boundary_triangles(
     elements = np.empty(count, dtype=np.int32)
     _collect(tets, LOCAL_FACES, is_border, triangles, elements)
     return triangles, elements
+
+
+def surface_triangles(mesh: Mesh) -> NDArray[np.int32]:
+    """Node rows of a mesh's surface as it is now, normals outward, shape (triangle_count, 3).
+
+    The triangles of a sheet, or the boundary of the tetrahedra.
+    """
+    if mesh.sheet is not None:
+        return mesh.sheet.triangles
+    rows = mesh.element_rows
+    return boundary_triangles(mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows)[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
