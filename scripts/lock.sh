@@ -13,6 +13,10 @@ compile() {
 for version in 3.11 3.12 3.13; do
   compile --python-version $version requirements.in requirements-dev.in \
     --output-file requirements/py${version/./}.lock "$@"
+  # An optional extra, to the versions of everything else.
+  compile --python-version $version requirements-bench.in \
+    --constraint requirements/py${version/./}.lock \
+    --output-file requirements/bench-py${version/./}.lock "$@"
 done
 # The set-up's first step, with pip: the same versions for every Python.
 printf 'uv\nsetuptools\n' | compile --python-version 3.11 --constraint requirements/py311.lock \

@@ -10,6 +10,7 @@ import pytest
 from support.workspace import REPOSITORY
 
 LOCKS = sorted((REPOSITORY / "requirements").glob("py3*.lock"))
+EXTRAS = sorted((REPOSITORY / "requirements").glob("bench-py3*.lock"))
 
 
 def entries(lock: Path) -> dict[str, str]:
@@ -28,9 +29,10 @@ def version(entry: str) -> str:
 
 def test_there_is_a_lock_for_each_supported_python() -> None:
     assert [lock.stem for lock in LOCKS] == ["py311", "py312", "py313"]
+    assert [lock.stem for lock in EXTRAS] == ["bench-py311", "bench-py312", "bench-py313"]
 
 
-@pytest.mark.parametrize("lock", LOCKS, ids=lambda lock: lock.stem)
+@pytest.mark.parametrize("lock", LOCKS + EXTRAS, ids=lambda lock: lock.stem)
 def test_every_locked_package_has_hashes(lock: Path) -> None:
     assert [name for name, entry in entries(lock).items() if "--hash=sha256:" not in entry] == []
 
@@ -58,3 +60,15 @@ def test_first_step_of_the_setup_installs_what_the_lock_holds(lock: Path) -> Non
     locked = entries(lock)
     for name, entry in entries(REPOSITORY / "requirements" / "bootstrap.lock").items():
         assert version(locked[name]) == version(entry)
+
+
+@pytest.mark.parametrize("extra", EXTRAS, ids=lambda lock: lock.stem)
+def test_the_optional_extra_changes_no_version(extra: Path) -> None:
+    locked = entries(extra.with_name(extra.name.removeprefix("bench-")))
+    optional = entries(extra)
+    text = (REPOSITORY / "requirements-bench.in").read_text().lower()
+    wanted = set(re.findall(r"^[a-z0-9][a-z0-9_-]*", text, re.MULTILINE))
+    assert wanted <= set(optional)
+    assert not wanted & set(locked)
+    for name in set(optional) & set(locked):
+        assert version(optional[name]) == version(locked[name])

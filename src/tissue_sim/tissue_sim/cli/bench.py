@@ -17,6 +17,9 @@ def bench(
     growth: Annotated[
         bool, typer.Option(help="Instead: time of a step on blocks of up to 360,000 nodes.")
     ] = False,
+    peers: Annotated[
+        bool, typer.Option(help="Instead: MuJoCo, newton and PyBullet on the same tissue.")
+    ] = False,
 ) -> None:
     """Steps a second of every model, next to what the machine's memory allows."""
     if loop:
@@ -29,6 +32,14 @@ def bench(
 
         out = out.with_name("growth.json")
         print_growth(run_growth(out, seconds))
+        typer.echo(f"written to {out}")
+        return
+    if peers:
+        from tissue_sim.bench_peers import print_table as print_peers
+        from tissue_sim.bench_peers import run_peers
+
+        out = out.with_name("bench_peers.json")
+        print_peers(run_peers(out, 5.0 * seconds, report=typer.echo))
         typer.echo(f"written to {out}")
         return
     from tissue_sim.bench import print_table, run_bench

@@ -1,0 +1,1 @@
+"""Other simulators given the same tissue, for comparison; none of them is imported before use."""
