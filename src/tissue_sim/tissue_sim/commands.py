@@ -80,6 +80,10 @@ def _release(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _R
 
 
 def _set_tool(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
+    there = simulation.tools.get(str(arguments.get("id", "")))
+    if there is not None and "hold" not in arguments:
+        kept = there.as_arguments()
+        arguments = {**arguments, "hold": kept["hold"], "coupling": kept["coupling"]}
     try:
         tool = ToolSpec.from_arguments(arguments)
     except ToolError as error:

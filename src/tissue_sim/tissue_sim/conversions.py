@@ -23,6 +23,7 @@ from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.surface import boundary_triangles
+from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 
 ALIVE, FIXED = 1, 2
 """Bits of Topology.node_flags and element_flags."""
@@ -124,7 +125,7 @@ def wrench_stamped(wrench: NDArray[np.float64], frame_id: str, stamp: Time) -> W
 
 def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
     """What a Tool message asks for, as arguments of a `set_tool` command."""
-    return {
+    arguments: dict[str, Any] = {
         "id": tool.id,
         "kind": tool.kind,
         "shape": tool.shape,
@@ -132,6 +133,10 @@ def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
         "owner": tool.owner,
         "pose": pose_array(tool.pose).tolist(),
     }
+    if tool.hold:
+        arguments["hold"] = tool.hold
+        arguments["coupling"] = {item.name: float(getattr(tool, item.name)) for item in COUPLING}
+    return arguments
 
 
 # Topology

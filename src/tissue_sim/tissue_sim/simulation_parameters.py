@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.model import Material, RegionMaterial
+from tissue_sim.elastic.model import Material, Parameter, RegionMaterial
 from tissue_sim.frames import Frames, frame_specs
 from tissue_sim.geometry.regions import region_key
+from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
+from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 from tissue_sim.interaction.reaction import ForceLimits
 from tissue_sim.interaction.seeding import LARGEST_RADIUS
 from tissue_sim.interaction.tools import LARGEST, SHAPES, SMALLEST, ToolError, ToolSpec
@@ -150,9 +152,26 @@ def tool_specs(tools: Iterable[str]) -> list[Spec]:
                  minimum=1e-3, maximum=1e3),
             Spec(f"{base}.offset", "doubles", [0.0, 0.0, 0.0],
                  "Added to its source's position, after scaling.", unit="m", length=3),
+            Spec(f"{base}.hold", "string", POSITION,
+                 "How a grab holds: position puts tissue where the tool is, force pulls it there.",
+                 choices=HOLDS),
+            *[_number(base, parameter) for parameter in COUPLING],
             Spec(f"{base}.owner", "string", "scene", "Who set it."),
         ]  # fmt: skip
     return specs
+
+
+def _number(base: str, parameter: Parameter) -> Spec:
+    """A model's or a tool's number as a parameter of the node."""
+    return Spec(
+        f"{base}.{parameter.name}",
+        "integer" if parameter.integer else "double",
+        parameter.default,
+        parameter.meaning,
+        unit=parameter.unit,
+        minimum=parameter.minimum,
+        maximum=parameter.maximum,
+    )
 
 
 def region_specs(regions: Iterable[str]) -> list[Spec]:
@@ -179,15 +198,7 @@ def region_specs(regions: Iterable[str]) -> list[Spec]:
 def model_specs() -> list[Spec]:
     """Parameters `<model>.<parameter>` of every model."""
     return [
-        Spec(
-            f"{model}.{parameter.name}",
-            "integer" if parameter.integer else "double",
-            parameter.default,
-            parameter.meaning,
-            unit=parameter.unit,
-            minimum=parameter.minimum,
-            maximum=parameter.maximum,
-        )
+        _number(model, parameter)
         for model in registry.names()
         for parameter in registry.parameters_of(model)
     ]
@@ -357,6 +368,8 @@ def _tool(values: Mapping[str, Any], tool: str) -> ToolSpec:
         owner=values[f"{base}.owner"],
         scale=values[f"{base}.scale"],
         offset=tuple(values[f"{base}.offset"]),
+        hold=values[f"{base}.hold"],
+        coupling=Coupling(**{item.name: values[f"{base}.{item.name}"] for item in COUPLING}),
     )
     try:
         return spec.checked()

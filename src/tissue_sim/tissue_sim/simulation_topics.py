@@ -145,6 +145,8 @@ class SimulationTopics:
             state=tracker.state,
             reason=tracker.reason,
             pose=conversions.pose_message(tracker.pose),
+            hold=spec.hold,
+            **spec.coupling.as_arguments(),
         )
         conversions.fill(message.size, np.array(spec.size))
         return message

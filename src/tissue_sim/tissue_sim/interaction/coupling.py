@@ -25,7 +25,8 @@ PARAMETERS = (
         "torque per angle between tool and tissue",
     ),
     Parameter(
-        "angular_damping", 5e-4, 0.0, 1e4, "N m s/rad", "torque per angular speed of the tissue held"
+        "angular_damping", 5e-4, 0.0, 1e4, "N m s/rad",
+        "torque per angular speed of the tissue held",
     ),
     Parameter("force_limit", 20.0, 1e-4, 1e6, "N", "largest force of the coupling"),
     Parameter("torque_limit", 2.0, 1e-6, 1e6, "N m", "largest torque of the coupling"),
