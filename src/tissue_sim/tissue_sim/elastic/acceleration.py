@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Parameter, State
 from tissue_sim.elastic.springs import SpringNetwork
-from tissue_sim.kernels.extrapolation import compare, extrapolate, remember
+from tissue_sim.kernels.extrapolation import add_difference, compare, extrapolate, remember
 
 CHEBYSHEV = Parameter(
     "chebyshev", 0.0, 0.0, 0.999, "",
@@ -31,6 +31,16 @@ class Acceleration(Protocol):
     def begin(self) -> None:
         """Forget all moves: holds or the mesh have changed."""
 
+    def shift(
+        self,
+        state: State,
+        nodes: NDArray[np.uint32],
+        end: int,
+        before: NDArray[np.floating],
+        after: NDArray[np.floating],
+    ) -> None:
+        """Nodes were moved by after - before between the sweeps, which is no move to go on with."""
+
     def sweep(self, state: State, nodes: NDArray[np.uint32], end: int, sweep: Sweep) -> float:
         """One accelerated sweep over nodes[:end]. Modifies the state in place.
 
@@ -39,35 +49,63 @@ class Acceleration(Protocol):
         """
 
 
-class _Memory:
-    """Where nodes were before the last two sweeps."""
+class _Remembering:
+    """Keeps where nodes were before the last two sweeps.
+
+    Attributes:
+        before: Displacements before the last sweep [m], shape (node_capacity, 3).
+    """
 
     def __init__(self, springs: SpringNetwork) -> None:
-        self.springs = springs
+        self._springs = springs
         self.before = np.zeros((springs.mesh.node_capacity, 3), dtype=springs.dtype)
-        self.older = np.zeros_like(self.before)
-        self.count = 0
+        self._older = np.zeros_like(self.before)
+        self._sweeps = 0
+        self._warm_up()
 
-    def remember(self, state: State, nodes: NDArray[np.uint32], end: int) -> None:
-        if len(self.before) < len(state.displacement):
-            self.before, self.older = (
-                np.zeros_like(state.displacement, self.springs.dtype) for _ in range(2)
-            )
-            self.count = 0
-        remember(nodes, 0, end, state.displacement, self.before, self.older)
-        self.count += 1
+    def _warm_up(self) -> None:
+        """Compile the kernels, or load them from the cache: sweeps must not have to."""
+        nodes, u, one = np.empty(0, dtype=np.uint32), self.before, self._springs.dtype(1)
+        nobody = np.empty(0, dtype=np.bool_)
+        remember(nodes, 0, 0, u, u, u)
+        compare(nodes, 0, 0, nobody, one, u, u, u)
+        extrapolate(nodes, 0, 0, nobody, one, self._springs.tiny, u, u, u)
+        add_difference(nodes, 0, 0, nobody, u, u, u)
 
-    def compare(
+    def shift(
+        self,
+        state: State,
+        nodes: NDArray[np.uint32],
+        end: int,
+        before: NDArray[np.floating],
+        after: NDArray[np.floating],
+    ) -> None:
+        """Carry what is remembered along with the nodes; see `Acceleration`."""
+        self._match_capacity()
+        add_difference(nodes, 0, end, state.prescribed, before, after, self.before)
+
+    def _match_capacity(self) -> None:
+        extra = self._springs.mesh.node_capacity - len(self.before)
+        if extra > 0:
+            more = ((0, extra), (0, 0))
+            self.before, self._older = np.pad(self.before, more), np.pad(self._older, more)
+
+    def _remember(self, state: State, nodes: NDArray[np.uint32], end: int) -> None:
+        self._match_capacity()
+        remember(nodes, 0, end, state.displacement, self.before, self._older)
+        self._sweeps += 1
+
+    def _compare(
         self, state: State, nodes: NDArray[np.uint32], end: int, share: float
     ) -> tuple[float, float, float]:
-        residual, along, shifted = compare(
-            nodes, 0, end, state.prescribed, self.springs.dtype(share), self.older, self.before,
+        moves, along, shifted = compare(
+            nodes, 0, end, state.prescribed, self._springs.dtype(share), self._older, self.before,
             state.displacement,
         )  # fmt: skip
-        return float(residual), float(along), float(shifted)
+        return float(moves), float(along), float(shifted)
 
 
-class Momentum:
+class Momentum(_Remembering):
     """Every node repeats a share of its last move before a sweep (Polyak's heavy ball).
 
     With a brake: when a sweep turns round more than half of what the nodes have just repeated, the
@@ -85,26 +123,26 @@ class Momentum:
             springs: Network of the mesh.
             share: Share of its last move that every node repeats.
         """
-        self._memory = _Memory(springs)
+        super().__init__(springs)
         self._full = share
         self._braked = True
 
     def begin(self) -> None:
         """Forget all moves."""
-        self._memory.count = 0
+        self._sweeps = 0
         self._braked = True
 
     def sweep(self, state: State, nodes: NDArray[np.uint32], end: int, sweep: Sweep) -> float:
         """One sweep; see `Acceleration`. Modifies the state in place."""
         share = 0.0 if self._braked else self._full
-        self._memory.remember(state, nodes, end)
+        self._remember(state, nodes, end)
         moved = sweep(share)
-        _, along, _ = self._memory.compare(state, nodes, end, share)
+        _, along, _ = self._compare(state, nodes, end, share)
         self._braked = share > 0.0 and along < 0.0
         return moved
 
 
-class Chebyshev:
+class Chebyshev(_Remembering):
     """The semi-iterative method around sweeps: u <- older + omega (u - older) after each of them.
 
     omega_1 = 1, omega_2 = 2 / (2 - rho^2), omega_{k+1} = 4 / (4 - rho^2 omega_k). An estimate of
@@ -130,25 +168,20 @@ class Chebyshev:
             springs: Network of the mesh.
             radius: Estimated spectral radius rho of a sweep, below 1.
         """
-        self._springs, self._memory = springs, _Memory(springs)
+        super().__init__(springs)
         self._estimate = self.radius = radius
         self._omega, self._smallest = 1.0, math.inf
 
     def begin(self) -> None:
         """Forget all moves and trust the estimate again."""
-        self._memory.count = 0
+        self._sweeps = 0
         self.radius, self._smallest = self._estimate, math.inf
-
-    @property
-    def before(self) -> NDArray[np.floating]:
-        """Displacements before the last sweep [m], shape (node_capacity, 3)."""
-        return self._memory.before
 
     def sweep(self, state: State, nodes: NDArray[np.uint32], end: int, sweep: Sweep) -> float:
         """One sweep; see `Acceleration`. Modifies the state in place."""
-        self._memory.remember(state, nodes, end)
+        self._remember(state, nodes, end)
         moved = sweep(0.0)
-        moves, _, shifted = self._memory.compare(state, nodes, end, 0.0)
+        moves, _, shifted = self._compare(state, nodes, end, 0.0)
         # What moves on because the hold has moved does not diverge.
         self._smallest = max(self._smallest, shifted)
         self._choose_omega(moves)
@@ -156,7 +189,7 @@ class Chebyshev:
             return moved
         extrapolated = extrapolate(
             nodes, 0, end, state.prescribed, self._springs.dtype(self._omega),
-            self._springs.tiny, self._memory.older, self._memory.before, state.displacement,
+            self._springs.tiny, self._older, self.before, state.displacement,
         )  # fmt: skip
         return max(moved, float(extrapolated))
 
@@ -164,11 +197,11 @@ class Chebyshev:
         squared = self.radius**2
         if not moves <= GROWTH * self._smallest:
             self.radius, self._smallest = squared, moves
-            self._memory.count = 1
+            self._sweeps = 1
         self._smallest = min(self._smallest, moves)
-        if self._memory.count == 1:
+        if self._sweeps == 1:
             self._omega = 1.0
-        elif self._memory.count == 2:
+        elif self._sweeps == 2:
             self._omega = 2.0 / (2.0 - squared)
         else:
             self._omega = 4.0 / (4.0 - squared * self._omega)

@@ -13,6 +13,7 @@ from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.extrapolation import add_difference
 from tissue_sim.kernels.orderings import UNREACHED
 from tissue_sim.kernels.springs import largest_force, sweep_nodes, sweep_nodes_with_momentum
 
@@ -114,6 +115,18 @@ class ActiveSet:
         if len(released):
             self._near.search(released, state.prescribed)
             elsewhere |= (self._near.level != UNREACHED) & (self._near.level < level)
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Move free nodes of the region by after - before. Modifies the state in place.
+
+        Nodes outside would not be swept there.
+        """
+        nodes, end = self.ordering.nodes, self.end
+        add_difference(nodes, 0, end, state.prescribed, before, after, state.displacement)
+        if self._acceleration is not None:
+            self._acceleration.shift(state, nodes, end, before, after)
 
     def sweep(self, state: State, step: np.floating, threshold: float = 0.0) -> None:
         """One Gauss-Seidel sweep over the active nodes. Modifies the state in place.

@@ -138,6 +138,19 @@ class BlockActiveSet(ActiveSet):
         self._begin()
         super().follow(change, state)
 
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Move free nodes of the region; see `ActiveSet`. Modifies the state in place."""
+        super().guess(state, before, after)
+        nodes, end, problem = self.ordering.nodes, self.end, self.problem
+        if self.chebyshev is not None:
+            self.chebyshev.shift(state, nodes, end, before, after)
+        wake_around_moved(
+            nodes, 0, end, problem.controls.tolerance, before, after, problem.springs.arrays,
+            problem.awake,
+        )  # fmt: skip
+
     def _begin(self) -> None:
         self.moved = np.inf
         self.pace.begin()

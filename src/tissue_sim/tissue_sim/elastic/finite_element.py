@@ -20,6 +20,7 @@ from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.aggregates import patches_of
 from tissue_sim.kernels.conjugate_lanes import add_lanes
+from tissue_sim.kernels.extrapolation import add_difference
 from tissue_sim.kernels.lanes import LANES
 from tissue_sim.kernels.responses import add_share
 from tissue_sim.kernels.stiffness import forces_at, squared_forces
@@ -54,6 +55,7 @@ class FiniteElement(MeshModel):
     """
 
     anisotropic: ClassVar[bool] = True
+    needs_tetrahedra: ClassVar[bool] = True
     name: ClassVar[str] = "finite_element"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
@@ -93,7 +95,7 @@ class FiniteElement(MeshModel):
         self._work = [Work.NONE] * LANES
         self._shares = np.zeros((1, 1, LANES), dtype=self.springs.dtype)
         self._forces, self._until_forces = np.zeros(LANES), 0
-        self._corrected = self._waits = self._foresees = False
+        self._corrected = self._waits = self._foresees = self._guessed = False
 
     @property
     def idle(self) -> bool:
@@ -116,6 +118,7 @@ class FiniteElement(MeshModel):
         left = self.responses.follow_motion(state, self.mesh.node_rows)
         self._waits = left > self.values["rest_tolerance"]
         self._begin(state)
+        self._guessed = False
         if not any(self._solver.active):
             if self.responses.changed:
                 self._show(state)
@@ -132,6 +135,8 @@ class FiniteElement(MeshModel):
             self._restart_at(state)
         elif self._waits and (lane := self._lane(overtake=True)) is not None:
             self.responses.begin(lane)
+            if self._guessed:
+                self.responses.improve_guess(lane, state.displacement, self.mesh.node_rows)
             self._begin_lane(lane, Work.RESPONSE, self.responses.guess)
             self._waits = False
             self._foresees = bool(self.values["foresight"])
@@ -221,6 +226,26 @@ class FiniteElement(MeshModel):
         patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
         self.responses.restart(state, held, patches)
         self._begin_anew(state)
+
+    @property
+    def takes_guess(self) -> bool:
+        """A response can begin anywhere; a corotated shape would have to be linearised anew."""
+        return self.corotated is None
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Where the response to a motion that is new begins; see `Model`.
+
+        Known responses are exact. While others are being solved for, the shape on show is not one
+        that a further one could begin from.
+        """
+        known = self._corrected and Work.RESPONSE not in self._work
+        if known:
+            rows = self.mesh.node_rows
+            nodes = self._all.view(np.uint32)
+            add_difference(nodes, 0, rows, state.prescribed, before, after, state.displacement)
+        self._guessed = known
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit; what was known is where further solutions start from."""

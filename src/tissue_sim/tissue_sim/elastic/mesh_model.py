@@ -1,4 +1,4 @@
-"""What every model on a tetrahedral mesh shares."""
+"""What every model on a mesh shares."""
 
 from __future__ import annotations
 
@@ -34,6 +34,8 @@ class MeshModel(ABC):
     has_forces = True
     anisotropic: ClassVar[bool] = False
     """Whether fibres take part."""
+    needs_tetrahedra: ClassVar[bool] = False
+    """Whether it is made of elements, and not of edges only."""
 
     def __init__(
         self,
@@ -75,6 +77,17 @@ class MeshModel(ABC):
 
     def nodes_placed(self, nodes: NDArray[np.int32]) -> None:  # noqa: B027
         """Nodes were put elsewhere; see `Model`. A model that remembers no moves does nothing."""
+
+    @property
+    def takes_guess(self) -> bool:
+        """Whether `guess` helps: iterations without time towards one equilibrium."""
+        return False
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Free nodes will probably move by after - before; see `Model`."""
+        raise NotImplementedError(f"model {self.name} takes no guess")
 
     @abstractmethod
     def topology_changed(self, change: EditChange, state: State) -> None:

@@ -201,6 +201,24 @@ class Model(Protocol):
     def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
         """Free nodes were put elsewhere: forget how they moved. `prescribed_changed` follows."""
 
+    @property
+    def takes_guess(self) -> bool:
+        """Whether `guess` helps: iterations without time towards one equilibrium."""
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Free nodes will probably move by after - before: start from there.
+
+        Only models that `takes_guess` have it. Modifies the state in place.
+
+        Args:
+            state: With held nodes where they are in this frame.
+            before: Displacements of a fast model before it went ahead [m], shape
+                (node_capacity, 3).
+            after: The same after it [m].
+        """
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; follow in time proportional to it."""
 

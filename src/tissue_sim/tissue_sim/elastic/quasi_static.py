@@ -102,6 +102,17 @@ class QuasiStatic(SpringModel):
         """Forget the last moves of nodes that were put elsewhere."""
         self.active.lingering.forget(nodes)
 
+    @property
+    def takes_guess(self) -> bool:
+        """Sweeps go on from any shape."""
+        return True
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Move the nodes near holds; see `Model`. Modifies the state in place."""
+        self.active.guess(state, before, after)
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
         self.springs.follow(change)

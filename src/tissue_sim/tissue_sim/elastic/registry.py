@@ -99,6 +99,7 @@ def build(
     """
     values = checked_parameters(name, parameters or {})
     check_material(material)
+    check_geometry(name, mesh)
     check_elements(mesh)
     if springs is not None and not _fits(springs, mesh, material):
         springs = None
@@ -142,6 +143,20 @@ def _check_part(part: RegionMaterial, where: str) -> None:
         )
 
 
+def check_geometry(name: str, mesh: Mesh) -> None:
+    """Refuse a model that needs tetrahedra where there are none.
+
+    Raises:
+        ValueError: The tissue is made of triangles; the message names the models it can have.
+    """
+    if mesh.sheet is not None and MODELS[name].needs_tetrahedra:
+        allowed = ", ".join(other for other in names() if not MODELS[other].needs_tetrahedra)
+        raise ValueError(
+            f"model {name} needs tetrahedra, and {mesh.name} is made of surfaces; "
+            f"allowed: {allowed}, or geometry_kind volume"
+        )
+
+
 def check_elements(mesh: Mesh) -> None:
     """Refuse elements that no model can carry: masses, stiffnesses and forces divide by volumes.
 
@@ -172,6 +187,8 @@ def warm_up(dtype: type[np.floating] = np.float32) -> None:
         state.prescribed[held] = True
         model.prescribed_changed(state, held)
         state.displacement[held] = 0.1
+        if model.takes_guess:
+            model.guess(state, state.displacement, state.displacement)
         model.step(state)
         model.forces(state, held)
         model.residual(state)

@@ -12,8 +12,24 @@ from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.lanes import LANES
 from tissue_sim.kernels.responses import add_responses, project
 
-AFFINE_MOTIONS = 12
-"""Three translations, and nine entries of a matrix that turns or strains."""
+LINEAR_MOTIONS = np.array(
+    [
+        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+        [[1, 0, 0], [0, 0, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, 1, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, 0, 0], [0, 0, 1]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+    ],
+    dtype=np.float64,
+)
+"""Small turns, and what a large turn R - I has beside them."""
+
+AFFINE_MOTIONS = 3 + len(LINEAR_MOTIONS)
+"""Three translations come before."""
 
 MOST = 48
 """Most responses kept: twelve span the rigid motions of a hold, and several holds may move."""
@@ -154,11 +170,12 @@ class Responses:
 
     def _leave(self, number: int, members: NDArray[np.bool_], rest: NDArray[np.float64]) -> bool:
         """Leave what is new of an affine motion of a patch; whether it is anything."""
-        axis, factor = number % 3, number // 3
+        arms = rest[members] - rest[members].mean(axis=0)
         self._left[:] = 0.0
-        along = np.ones(len(rest)) if factor == 0 else rest[:, factor - 1]
-        middle = 0.0 if factor == 0 else along[members].mean()
-        self._left[members, axis] = along[members] - middle
+        if number < 3:
+            self._left[members, number] = 1.0
+        else:
+            self._left[members] = arms @ LINEAR_MOTIONS[number - 3].T
         size = math.sqrt(float((self._left**2).sum()))
         for pattern in self._patterns[: self.used + len(self.pending)]:
             self._left -= (self._left * pattern).sum() * pattern
@@ -192,6 +209,23 @@ class Responses:
                 self.guess,
             )  # fmt: skip
         self.guess[self._held] = pattern
+
+    def improve_guess(self, lane: int, shape: NDArray[np.floating], rows: int) -> None:
+        """Start the response that has just begun from a shape somebody guesses for this pose.
+
+        Modifies `guess` in place. What is known from before an edit is a better start.
+
+        Args:
+            lane: Lane of the solver that works on it.
+            shape: Displacements [m], shape (node_capacity, 3).
+            rows: Nodes in use.
+        """
+        share = self.share_of(lane)
+        if self._old_count or share == 0.0:
+            return
+        np.subtract(shape[:rows], self.sum[:rows], out=self.guess[:rows])
+        self.guess[:rows] /= self.guess.dtype.type(share)
+        self.guess[self._held] = self._patterns[self.used + self.pending.index(lane)]
 
     def abandon(self, lane: int) -> None:
         """Give a pending motion up; if it was proposed it will be again."""

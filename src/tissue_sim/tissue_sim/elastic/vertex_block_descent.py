@@ -41,7 +41,7 @@ class VertexBlockDescent(MeshModel):
     """
 
     anisotropic: ClassVar[bool] = True
-    anisotropic: ClassVar[bool] = True
+    needs_tetrahedra: ClassVar[bool] = True
     name: ClassVar[str] = "vertex_block_descent"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("step", 1.0, 0.1, 1.95, "", "share of Newton's step that a node takes"),
@@ -139,6 +139,17 @@ class VertexBlockDescent(MeshModel):
     def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
         """Forget the last moves of nodes that were put elsewhere."""
         self.active.lingering.forget(nodes)
+
+    @property
+    def takes_guess(self) -> bool:
+        """Sweeps go on from any shape; a time step begins where velocities lead."""
+        return self.time_step is None
+
+    def guess(
+        self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
+    ) -> None:
+        """Move the nodes near holds; see `Model`. Modifies the state in place."""
+        self.active.guess(state, before, after)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""

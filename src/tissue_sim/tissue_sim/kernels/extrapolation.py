@@ -126,3 +126,21 @@ def wake_around_moved(
         first = springs.start[i]
         for spring in range(first, first + springs.degree[i]):
             awake[springs.neighbour[spring]] = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def add_difference(
+    nodes: NDArray[np.uint32],
+    begin: int,
+    end: int,
+    prescribed: NDArray[np.bool_],
+    before: NDArray[np.floating],
+    after: NDArray[np.floating],
+    u: NDArray[np.floating],
+) -> None:
+    """Move free nodes of nodes[begin:end] by after - before. Modifies `u` in place."""
+    for place in range(begin, end):
+        i = nodes[place]
+        if not prescribed[i]:
+            for axis in range(3):
+                u[i, axis] += after[i, axis] - before[i, axis]
