@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.material_field import lame_constants
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.block_forces import block_forces, largest_block_force, total_energy
 from tissue_sim.kernels.block_sweeps import Controls, Motion, Problem, repeat_moves, sweep_blocks
+from tissue_sim.kernels.mixed_matter import ROWS
 from tissue_sim.kernels.neo_hookean import constants
 from tissue_sim.kernels.vertex_blocks import VertexBlocks, fill_blocks
 from tissue_sim.kernels.vertex_descent import Inertia
@@ -54,11 +56,13 @@ class BlockProblem:
         nodes, rows = mesh.node_capacity, mesh.node_rows
         places = int((mesh.incident.count[:rows].astype(np.int64) + 7).sum()) + 65536
         places += places // 4
+        mixed = springs.field.fibrous or not springs.field.one_ratio
+        self._base = np.array(lame_constants(material))
         self.blocks = VertexBlocks(
             np.zeros(nodes, dtype=np.uint64), np.zeros(nodes, dtype=np.uint64),
             np.zeros(nodes, dtype=np.uint64), np.zeros(3 * places, dtype=np.uint32),
             np.zeros(10 * places, dtype=dtype), np.zeros(nodes, dtype=dtype),
-            np.zeros(nodes, dtype=dtype),
+            np.zeros(nodes, dtype=dtype), np.zeros(ROWS * places if mixed else 0, dtype=dtype),
         )  # fmt: skip
         self._used = 0
         self._inertia = Inertia(np.zeros(nodes, dtype=dtype), np.zeros((nodes, 3), dtype=dtype))
@@ -72,8 +76,8 @@ class BlockProblem:
         done, scratch = 0, np.empty(9)
         while done < len(nodes):
             done, self._used = fill_blocks(
-                nodes, done, self.springs.elements, self.springs.mesh.rest, self.blocks,
-                self._used, scratch,
+                nodes, done, self.springs.elements, self.springs.mesh.rest, self._base,
+                self.springs.field.matter, self.blocks, self._used, scratch,
             )  # fmt: skip
             if done < len(nodes):
                 self._make_room()
@@ -88,6 +92,7 @@ class BlockProblem:
         self.blocks = self.blocks._replace(
             corners=_longer(self.blocks.corners, 3 * places),
             gradients=_longer(self.blocks.gradients, 10 * places),
+            matter=_longer(self.blocks.matter, ROWS * places if len(self.blocks.matter) else 0),
         )
 
     def follow(self, change: EditChange) -> None:

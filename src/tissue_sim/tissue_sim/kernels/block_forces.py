@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.kernels.block_sweeps import Problem, node_sums
+from tissue_sim.kernels.mixed_matter import mixed_energy, mixed_response
 from tissue_sim.kernels.neo_hookean import node_response
 from tissue_sim.kernels.springs import FAST
 from tissue_sim.kernels.vertex_descent import gather, node_energy
@@ -18,13 +19,19 @@ def block_forces(
 ) -> None:
     """Internal elastic forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
     blocks, _, _, material, _, w, _ = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
+    first, lanes, _, corners, gradients, _, _, matter = blocks
+    zero, half = material.tiny - material.tiny, material.one / (material.one + material.one)
     for place in range(len(nodes)):
         i = nodes[place]
         three = first[i] + first[i] + first[i]
         gather(lanes[i], three, corners, u, i, w)
         F = node_response(lanes[i], three + three + three + first[i], gradients, w, material)
         out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
+        if len(matter) > 0:
+            M = mixed_response(lanes[i], first[i], gradients, matter, w, zero, zero, zero, half)
+            out[place, 0] += M[0]
+            out[place, 1] += M[1]
+            out[place, 2] += M[2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -41,9 +48,9 @@ def largest_block_force(
     Forces are those of the energy that is minimised, inertia included.
     """
     blocks, _, inertia, material, _, w, _ = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
+    first, lanes, _, corners, gradients, _, _, matter = blocks
     factor, target = inertia
-    zero = material.tiny - material.tiny
+    zero, half = material.tiny - material.tiny, material.one / (material.one + material.one)
     largest = largest_step = zero
     three = material.four - material.one
     for place in range(begin, end):
@@ -52,6 +59,12 @@ def largest_block_force(
             F0, F1, F2, K00, _, _, K11, _, K22, _ = node_sums(
                 i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
             )
+            if len(matter) > 0:
+                f0, f1, f2, k00, _, _, k11, _, k22, _, _ = mixed_response(
+                    lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
+                )
+                F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
+                K00, K11, K22 = K00 + k00, K11 + k11, K22 + k22
             squared = F0 * F0 + F1 * F1 + F2 * F2
             largest = max(largest, squared)
             if squared > zero:
@@ -64,10 +77,12 @@ def largest_block_force(
 def total_energy(rows: int, problem: Problem, u: NDArray[np.floating]) -> float:
     """Elastic energy of all elements [J]: a quarter of the sum over nodes of their elements."""
     blocks, _, _, _, exact, _, w = problem
-    first, lanes, _, corners, gradients, _, _ = blocks
+    first, lanes, _, corners, gradients, _, _, matter = blocks
     total = 0.0
     for i in range(rows):
         n, start = np.int64(lanes[i]), np.int64(first[i])
         gather(n, 3 * start, corners, u, i, w)
         total += node_energy(n, 10 * start, gradients, w, 0.0, 0.0, 0.0, exact)
+        if len(matter) > 0:
+            total += mixed_energy(n, start, gradients, matter, w, 0.0, 0.0, 0.0)
     return total / 4.0

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.mixed_matter import mixed_response
 from tissue_sim.kernels.neo_hookean import Constants, node_response
 from tissue_sim.kernels.springs import FAST, SpringArrays
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
@@ -137,7 +138,8 @@ def sweep_blocks(
     """One Gauss-Seidel sweep of 3x3 Newton steps over nodes[begin:end]. Modifies `motion` in place.
 
     Along a step d = step K^-1 F the node's energy changes by at most -(1 - step/2) F.d + L |d|^3/6,
-    L = 3/2 mu sum V |g|^3 being a bound of its third derivative (docs/vertex_block_descent.md).
+    L = 3/2 mu sum V |g|^3 being a bound of its third derivative (docs/vertex_block_descent.md);
+    fibres add that of `mixed_matter`.
     Where that is not negative, or the elements are crushed so that K says little, the node's
     energy is minimised with care instead: no node's step raises it.
 
@@ -148,12 +150,13 @@ def sweep_blocks(
     # Tuples are taken apart here: in the loop every part would be counted in and out again.
     u, prescribed, last_move, seen, awake = motion
     blocks, springs, inertia, material, exact, w, exact_w = problem
-    first, lanes, _, corners, gradients, shear, third = blocks
+    first, lanes, _, corners, gradients, shear, third, matter = blocks
     _, start, degree, neighbour, _, _ = springs
     factor, target = inertia
     step, tolerance, trusted, crushed, singular = controls
     zero = material.tiny - material.tiny
     half = material.one / (material.one + material.one)
+    fibres = half / material.quarter
     largest = along = zero
     careful = 0
     for place in range(begin, end):
@@ -168,12 +171,23 @@ def sweep_blocks(
         F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = node_sums(
             i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
         )
+        trace, T1, T2 = K00 + K11 + K22, zero, zero
+        if len(matter) > 0:
+            f0, f1, f2, k00, k01, k02, k11, k12, k22, T1, T2 = mixed_response(
+                lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
+            )
+            F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
+            K00, K01, K02 = K00 + k00, K01 + k01, K02 + k02
+            K11, K12, K22 = K11 + k11, K12 + k12, K22 + k22
         d0, d1, d2, regular = solve(F0, F1, F2, K00, K01, K02, K11, K12, K22, zero)
         d0, d1, d2 = step * d0, step * d1, step * d2
         squared = d0 * d0 + d1 * d1 + d2 * d2
-        stiff = crushed * shear[i] < K00 + K11 + K22
+        stiff = crushed * shear[i] < trace
         stiff = stiff and regular > singular
-        lowers = third[i] * squared * np.sqrt(squared) <= trusted * (F0 * d0 + F1 * d1 + F2 * d2)
+        length = np.sqrt(squared)
+        # The fibres' bound, over the 3/2 mu of the neo-Hookean one.
+        bound = third[i] + (T1 + T2 * length) * fibres
+        lowers = bound * squared * length <= trusted * (F0 * d0 + F1 * d1 + F2 * d2)
         if unfolding and half < folded:
             e0, e1, e2 = unfold_at(i, blocks, u, exact_w)
             d0, d1, d2 = zero + e0, zero + e1, zero + e2

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.matter import Matter
+from tissue_sim.kernels.mixed_matter import ROWS, write_matter
 from tissue_sim.kernels.networks import Elements
 
 LANES = 8
@@ -22,7 +24,8 @@ class VertexBlocks(NamedTuple):
 
     The list of node i has `lanes[i]` places and begins at place `start[i]`: its ten rows of
     `gradients` at 10 start[i] (g_a, g_b, g_c by components [1/m] and V [m^3]), its three rows of
-    `corners` at 3 start[i] (the other corners; the node itself on filled-up places).
+    `corners` at 3 start[i] (the other corners; the node itself on filled-up places). V is scaled by
+    the element's shear modulus over the tissue's own.
 
     Attributes:
         start: First place of each list, shape (node_capacity,), uint64.
@@ -32,6 +35,8 @@ class VertexBlocks(NamedTuple):
         gradients: Rest gradients and volumes, the kernels' precision.
         shear: Sum of V |g|^2 at each node [m], shape (node_capacity,).
         third: Sum of V |g|^3 at each node, shape (node_capacity,).
+        matter: Rows of `mixed_matter`, `ROWS` times as long as the places; empty where neither
+            Poisson's ratio varies nor fibres are stiff.
     """
 
     start: NDArray[np.uint64]
@@ -41,6 +46,7 @@ class VertexBlocks(NamedTuple):
     gradients: NDArray[np.floating]
     shear: NDArray[np.floating]
     third: NDArray[np.floating]
+    matter: NDArray[np.floating]
 
 
 @njit(inline="always")
@@ -72,6 +78,8 @@ def fill_blocks(
     begin: int,
     elements: Elements,
     rest: NDArray[np.float64],
+    base: NDArray[np.float64],
+    matter: Matter,
     blocks: VertexBlocks,
     used: int,
     scratch: NDArray[np.float64],
@@ -86,6 +94,8 @@ def fill_blocks(
         begin: First of them to go on with.
         elements: The mesh.
         rest: Rest positions [m].
+        base: lambda and mu of the tissue's own [Pa].
+        matter: What the elements are made of.
         blocks: The lists.
         used: Places in use.
         scratch: Shape (9,); overwritten.
@@ -107,12 +117,13 @@ def fill_blocks(
         corner_at, gradient_at = 3 * first, 10 * first
         shear = third = 0.0
         for lane in range(lanes):
-            volume = 0.0
+            volume, element = 0.0, 0
             scratch[:] = 0.0
             for row in range(3):
                 blocks.corners[corner_at + row * lanes + lane] = i
             if lane < count:
-                tet = elements.tets[elements.data[elements.start[i] + lane]]
+                element = np.int64(elements.data[elements.start[i] + lane])
+                tet = elements.tets[element]
                 row = 0
                 for corner in range(4):
                     if tet[corner] != i:
@@ -122,6 +133,12 @@ def fill_blocks(
                 b = blocks.corners[corner_at + lanes + lane]
                 c = blocks.corners[corner_at + 2 * lanes + lane]
                 volume = _shape_gradients(rest, i, a, b, c, scratch)
+            if len(blocks.matter):
+                write_matter(
+                    lane, lanes, ROWS * first, volume, element, base, matter, scratch,
+                    blocks.matter,
+                )  # fmt: skip
+            volume *= matter.table[matter.kind[element], 1] / base[1]
             for row in range(9):
                 blocks.gradients[gradient_at + row * lanes + lane] = scratch[row]
             blocks.gradients[gradient_at + 9 * lanes + lane] = volume

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.mixed_matter import mixed_energy, mixed_response
 from tissue_sim.kernels.neo_hookean import Constants, corner_energy, corner_response
 from tissue_sim.kernels.springs import FAST
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
@@ -138,6 +139,16 @@ def unfold_at(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _energy(i, blocks, w, e0, e1, e2, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Elastic energy of the elements of node i once it has moved by e [J], fibres included."""
+    lanes, start = np.int64(blocks.lanes[i]), np.int64(blocks.start[i])
+    energy = node_energy(lanes, 10 * start, blocks.gradients, w, e0, e1, e2, material)
+    if len(blocks.matter) > 0:
+        energy += mixed_energy(lanes, start, blocks.gradients, blocks.matter, w, e0, e1, e2)
+    return energy
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def minimise_at(
     i: int,
     blocks: VertexBlocks,
@@ -148,9 +159,9 @@ def minimise_at(
 ) -> tuple[float, float, float]:
     """Move of node i [m] towards the minimum of the energy in its position.
 
-    Newton's method with steps halved until the energy decreases, in double precision. The function
-    is convex, so that it finds the minimum from anywhere; it is for nodes whose elements are
-    crushed or move by much of their size, where one Newton step cannot be trusted.
+    Newton's method with steps halved until the energy decreases, in double precision. Without
+    fibres the function is convex, so that it finds the minimum from anywhere; it is for nodes whose
+    elements are crushed or move by much of their size, where one Newton step cannot be trusted.
 
     Args:
         i: Row of the node.
@@ -162,7 +173,7 @@ def minimise_at(
     """
     lanes, at = np.int64(blocks.lanes[i]), 10 * np.int64(blocks.start[i])
     gather(lanes, 3 * np.int64(blocks.start[i]), blocks.corners, u, i, w)
-    m = np.float64(inertia.factor[i])
+    m, rows = np.float64(inertia.factor[i]), blocks.matter
     y0 = np.float64(inertia.target[i, 0]) - u[i, 0]
     y1 = np.float64(inertia.target[i, 1]) - u[i, 1]
     y2 = np.float64(inertia.target[i, 2]) - u[i, 2]
@@ -172,18 +183,25 @@ def minimise_at(
         F0, F1, F2, K00, K01, K02, K11, K12, K22 = _response(
             lanes, at, blocks.gradients, w, e0, e1, e2, material
         )
+        if len(rows) > 0:
+            f0, f1, f2, k00, k01, k02, k11, k12, k22, _, _ = mixed_response(
+                lanes, blocks.start[i], blocks.gradients, rows, w, e0, e1, e2, 0.5
+            )
+            F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
+            K00, K01, K02 = K00 + k00, K01 + k01, K02 + k02
+            K11, K12, K22 = K11 + k11, K12 + k12, K22 + k22
         F0, F1, F2 = F0 + m * (y0 - e0), F1 + m * (y1 - e1), F2 + m * (y2 - e2)
         more = m + floor + 1e-9 * (K00 + K11 + K22)
         d0, d1, d2, _ = solve(F0, F1, F2, K00 + more, K01, K02, K11 + more, K12, K22 + more, 0.0)
         slope = F0 * d0 + F1 * d1 + F2 * d2
         if not slope > 0.0:
             break
-        before = node_energy(lanes, at, blocks.gradients, w, e0, e1, e2, material)
+        before = _energy(i, blocks, w, e0, e1, e2, material)
         before += 0.5 * m * ((e0 - y0) ** 2 + (e1 - y1) ** 2 + (e2 - y2) ** 2)
         t, halvings = 1.0, 0
         while halvings < HALVINGS:
             n0, n1, n2 = e0 + t * d0, e1 + t * d1, e2 + t * d2
-            after = node_energy(lanes, at, blocks.gradients, w, n0, n1, n2, material)
+            after = _energy(i, blocks, w, n0, n1, n2, material)
             after += 0.5 * m * ((n0 - y0) ** 2 + (n1 - y1) ** 2 + (n2 - y2) ** 2)
             if after <= before - ENOUGH * t * slope:
                 e0, e1, e2 = n0, n1, n2
