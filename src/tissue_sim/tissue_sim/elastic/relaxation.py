@@ -15,7 +15,8 @@ from tissue_sim.elastic.spring_ordering import SpringOrdering
 from tissue_sim.elastic.springs import SpringChange, SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.kernels.relaxation import relax_springs
+from tissue_sim.kernels.relaxation import Nodes, relax_springs
+from tissue_sim.kernels.vectors import ROW
 
 PASSES = Parameter("passes", 1, 1, 100, "", "relaxation passes in a step", integer=True)
 FULL_EXCESS = Parameter(
@@ -32,7 +33,13 @@ def linear_factor(default: float) -> Parameter:
 
 
 class RelaxationPass:
-    """Relaxation passes over all springs in the order of the nodes."""
+    """Relaxation passes over all springs in the order of the nodes.
+
+    Attributes:
+        order: The springs in the order of a pass.
+        sleeping: Whether springs that must be inside their limits are passed over; looking at all
+            of them gives the same positions bit for bit.
+    """
 
     def __init__(self, springs: SpringNetwork, values: dict[str, float]) -> None:
         """Prepare passes with the values of `linear_factor`, `passes` and `full_excess`."""
@@ -40,11 +47,10 @@ class RelaxationPass:
         share = 1.0 if values["full_excess"] else 0.5
         self.springs = springs
         self.order = SpringOrdering(springs)
+        self.sleeping = True
         self._passes = int(values["passes"])
         self._limits = np.array([eps, eps * (2 + eps), -eps * (2 - eps), share], springs.dtype)
-        self._seen = np.zeros((springs.mesh.node_capacity, 3), dtype=springs.dtype)
-        self._moved_in = np.zeros(springs.mesh.node_capacity, dtype=np.int32)
-        self._number = 0
+        self._nodes = _nodes(springs)
         self._look_at_all = True
 
     def run(self, state: State) -> int:
@@ -55,14 +61,13 @@ class RelaxationPass:
         """
         outside = 0
         for _ in range(self._passes):
-            self._number += 1
             # Another order may list springs that the one before did not.
             look_at_all = self.order.advance() or self._look_at_all
             self._look_at_all = False
             outside = relax_springs(
-                self.springs.mesh.node_rows, self.order.used, self.order.list, self._number,
-                0 if look_at_all else self._number - 1, state.prescribed, self._limits,
-                self.springs.tiny, self._moved_in, self._seen, state.displacement,
+                self.springs.mesh.node_rows, self.order.used, self.order.list,
+                look_at_all or not self.sleeping, state.prescribed, self._limits,
+                self.springs.tiny, self._nodes, state.displacement,
             )  # fmt: skip
         return int(outside)
 
@@ -76,11 +81,14 @@ class RelaxationPass:
         """Follow what an edit did to the springs; the order of nodes must have followed before."""
         self.order.follow(change)
         self._look_at_all = True
-        extra = self.springs.mesh.node_capacity - len(self._seen)
-        if extra > 0:
-            more = np.zeros((extra, 3), dtype=self._seen.dtype)
-            self._seen = np.concatenate([self._seen, more])
-            self._moved_in = np.concatenate([self._moved_in, np.zeros(extra, dtype=np.int32)])
+        if self.springs.mesh.node_capacity >= len(self._nodes.moved):
+            self._nodes = _nodes(self.springs)
+
+
+def _nodes(springs: SpringNetwork) -> Nodes:
+    """Nodes of which nothing is known yet."""
+    rows = springs.mesh.node_capacity + 1
+    return Nodes(np.zeros((rows, ROW), dtype=springs.dtype), np.zeros(rows, dtype=np.uint8))
 
 
 class Relaxation(SpringModel):

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import REMOVED, SpringChange, SpringNetwork
 from tissue_sim.kernels.orderings import UNREACHED
 from tissue_sim.kernels.relaxation import (
-    BLOCK,
     REMOVED_LENGTH,
     SpringList,
+    Turns,
     list_springs,
     relist,
 )
+from tissue_sim.kernels.vectors import LANES
 
 NODES_A_PASS = 4000
 """Nodes whose springs are listed before each pass while a new order is made: a few tenths of a
@@ -22,6 +24,9 @@ millisecond's work, of the several milliseconds that a large organ takes."""
 
 class SpringOrdering:
     """Springs in the order of a relaxation pass: each at its end that the nodes' order has first.
+
+    Springs that do not touch each other are brought forward into groups that are relaxed at once;
+    two springs at one node keep their turn, so that the passes do what the plain order would do.
 
     A new order is made in parts, one before each pass, and taken when it is complete; until then
     passes follow the order before it. Springs that an edit makes are visited last until then;
@@ -60,7 +65,6 @@ class SpringOrdering:
         self._done = end
         if end < nodes.used:
             return False
-        self._next.end()
         self._now, self._next, self._nodes = self._next, self._now, None
         return True
 
@@ -79,56 +83,79 @@ class _Listing:
     def __init__(self, springs: SpringNetwork) -> None:
         self._springs = springs
         self.used = 0
-        self._allocate(len(springs.springs.ends))
-
-    def _allocate(self, capacity: int) -> None:
-        dtype = self._springs.dtype
-        rows = capacity + BLOCK
+        capacity, dtype = len(springs.springs.ends), springs.dtype
+        slots = capacity + capacity // 8 + 64 * LANES
         self.list = SpringList(
-            np.full(rows, 0, dtype=np.uint32), np.full(rows, 0, dtype=np.uint32),
-            np.full((rows, 3), 0, dtype=dtype), np.full(rows, REMOVED_LENGTH, dtype=dtype),
+            np.full(slots, 0, dtype=np.uint32), np.full(slots, 0, dtype=np.uint32),
+            np.full(3 * slots, 0, dtype=dtype), np.full(slots, REMOVED_LENGTH, dtype=dtype),
+        )  # fmt: skip
+        groups = slots // LANES
+        self._turns = Turns(
+            np.full(self._nobody + 1, 0, dtype=np.int32), np.full(groups, 0, dtype=np.int32),
+            np.full(groups, 0, dtype=np.int32),
         )  # fmt: skip
         self._place_of = np.full(capacity, UNREACHED, dtype=np.int32)
 
+    @property
+    def _nobody(self) -> int:
+        """The node that does not exist, at which tombstones are."""
+        return self._springs.mesh.node_capacity
+
     def clear(self) -> None:
         """Begin with no spring."""
-        if len(self._place_of) < len(self._springs.springs.ends):
-            self._allocate(len(self._springs.springs.ends))
+        self._match_capacity()
         self._place_of[:] = UNREACHED
+        self._turns.ready[:] = 0
         self.used = 0
 
     def append(self, nodes: NodeOrdering, begin: int, end: int) -> None:
         """List the springs of some places of the order of nodes, those before being listed."""
         springs = self._springs
-        self.used = list_springs(
-            nodes.nodes, begin, end, nodes.rank, springs.arrays, springs.spring_of, self.used,
-            self.list, self._place_of,
-        )  # fmt: skip
-
-    def end(self) -> None:
-        """Bury what an earlier, longer list left behind the last spring."""
-        self.list.length[self.used :] = REMOVED_LENGTH
+        while begin < end:
+            begin, self.used = list_springs(
+                nodes.nodes, begin, end, nodes.rank, springs.arrays, springs.spring_of, self.used,
+                self.list, self._place_of, self._turns,
+            )  # fmt: skip
+            if begin < end:
+                most = int(springs.arrays.degree[nodes.nodes[begin]])
+                self._make_room((most + 1) * LANES)
 
     def follow(self, change: SpringChange) -> None:
         """Change, bury and append springs."""
         springs = self._springs.springs
-        self._reserve(len(springs.ends), len(change.rows))
+        self._match_capacity()
+        self._make_room(len(change.rows) * LANES)
         self.used = relist(
             change.rows, change.kinds == REMOVED, springs.ends, springs.length,
-            self._springs.arrays.rest, self.used, self.list, self._place_of,
+            self._springs.arrays.rest, self.used, self.list, self._place_of, self._nobody,
         )  # fmt: skip
 
-    def _reserve(self, rows: int, more: int) -> None:
-        short = max(rows, self.used + more) - len(self._place_of)
-        if short <= 0:
+    def _match_capacity(self) -> None:
+        """Follow the capacity of the mesh and of the network."""
+        extra = len(self._springs.springs.ends) - len(self._place_of)
+        if extra > 0:
+            unlisted = np.full(extra, UNREACHED, dtype=np.int32)
+            self._place_of = np.concatenate([self._place_of, unlisted])
+        nobody, ready = self._nobody, self._turns.ready
+        if len(ready) <= nobody:
+            for ends in (self.list.first, self.list.second):
+                ends[ends == len(ready) - 1] = nobody
+            self._turns = self._turns._replace(ready=np.zeros(nobody + 1, dtype=np.int32))
+
+    def _make_room(self, more: int) -> None:
+        """Make room for so many more places."""
+        slots = len(self.list.length)
+        if self.used + more <= slots:
             return
-        extra = short + len(self._place_of) // 4
+        groups = (more + slots // 4) // LANES + 1
+        first, second, edge, length = self.list
         self.list = SpringList(
-            *(
-                np.concatenate([array, np.zeros((extra, *array.shape[1:]), dtype=array.dtype)])
-                for array in self.list
-            )
-        )
-        self.list.length[self.used :] = REMOVED_LENGTH
-        unlisted = np.full(extra, UNREACHED, dtype=np.int32)
-        self._place_of = np.concatenate([self._place_of, unlisted])
+            _longer(first, groups * LANES), _longer(second, groups * LANES),
+            _longer(edge, 3 * groups * LANES), _longer(length, groups * LANES),
+        )  # fmt: skip
+        ready, filled, free = self._turns
+        self._turns = Turns(ready, _longer(filled, groups), _longer(free, groups))
+
+
+def _longer(array: NDArray, extra: int) -> NDArray:
+    return np.concatenate([array, np.zeros(extra, dtype=array.dtype)])

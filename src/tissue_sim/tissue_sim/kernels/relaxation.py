@@ -4,6 +4,11 @@ Symbols as in `kernels.springs`. For a spring of limits l0 (1 - eps) and l0 (1 +
 the one it is beyond, the share of the edge that is too much needs one root and one division:
 
     q = l^2 - l0^2,    p = l^2 - L^2 = q - (L^2 - l0^2),    (l - L) / l = p / (l (l + L)).
+
+A pass relaxes springs one after the other, each starting from where the one before has put its
+ends. Springs that share no node do not notice each other's turn. So the list puts eight such
+springs side by side, which are relaxed at once, and never changes the turn of two springs that
+share a node: the result is that of the plain sequence, bit for bit.
 """
 
 from __future__ import annotations
@@ -15,21 +20,29 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.kernels.springs import FAST, SpringArrays
+from tissue_sim.kernels.vectors import LANES, bits, fetch_rows, load, put_rows, root, select
 
 REMOVED_LENGTH = 1e15
 """Rest length [m] of a spring that is there no more: it is never outside its limits."""
 
+ALL_OUTSIDE = (1 << LANES) - 1
 
-BLOCK = 16
-"""Springs that are left out, or looked at, together."""
+APART = 2
+"""Groups between two springs at one node: the second need not wait until the first is put."""
+
+AT_REST, MOVED, MOVED_BEFORE = 0, 1, 2
+"""What a node did, in bits: nothing, moved since this pass began, moved in the pass before."""
 
 
 class SpringList(NamedTuple):
-    """Springs in the order of a pass; behind the last of them as many tombstones as a block has.
+    """Springs in the order of a pass, in groups of eight of which no two share a node.
+
+    A group is filled up with tombstones between a node that does not exist, the row behind the
+    last, and itself.
 
     Attributes:
         first, second: Node rows of each spring's ends, uint32.
-        edge: D = X_second - X_first [m], shape (n, 3).
+        edge: D = X_second - X_first [m]: by group, eight numbers for each component, shape (3 n,).
         length: l0 [m]; `REMOVED_LENGTH` for a tombstone.
     """
 
@@ -37,6 +50,50 @@ class SpringList(NamedTuple):
     second: NDArray[np.uint32]
     edge: NDArray[np.floating]
     length: NDArray[np.floating]
+
+
+class Turns(NamedTuple):
+    """What is known while springs are listed.
+
+    Attributes:
+        ready: First group for the next spring at a node, shape (node_capacity + 1,).
+        filled: Springs of each group begun.
+        free: For each group begun, a group at or behind it that may have room.
+    """
+
+    ready: NDArray[np.int32]
+    filled: NDArray[np.int32]
+    free: NDArray[np.int32]
+
+
+@njit(inline="always")
+def _begin_group(begin, nobody, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Fill a group with tombstones."""
+    for slot in range(begin, begin + LANES):
+        out.first[slot] = out.second[slot] = nobody
+        out.length[slot] = REMOVED_LENGTH
+    for at in range(3 * begin, 3 * (begin + LANES)):
+        out.edge[at] = 0
+
+
+@njit(inline="always")
+def _with_room(group, begun, free):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """First group with room from `group` on, at most `begun`; later searches are shortened."""
+    found = group
+    while found < begun and free[found] != found:
+        found = free[found]
+    while group < found:
+        group, free[group] = free[group], found
+    return found
+
+
+@njit(inline="always")
+def _write(slot, i, j, length, rest, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    out.first[slot], out.second[slot], out.length[slot] = i, j, length
+    lane = slot % LANES
+    at = 3 * (slot - lane) + lane
+    for axis in range(3):
+        out.edge[at + LANES * axis] = rest[j, axis] - rest[i, axis]
 
 
 @njit(cache=True, nogil=True)
@@ -50,26 +107,53 @@ def list_springs(
     used: int,
     out: SpringList,
     place_of: NDArray[np.int32],
-) -> int:
+    turns: Turns,
+) -> tuple[int, int]:
     """List the springs of nodes[begin:end] that those before have not, each at its earlier end.
 
-    Writes `out` from place `used` on, and `place_of`, the place of each spring row in the list.
+    A spring goes to the first group with room behind all springs before it that share a node with
+    it. It stops before a node for whose springs there may be no room. Writes `out`, `turns` and
+    `place_of`, the place of each spring row in the list.
 
     Returns:
-        Length of the list.
+        The place in `nodes` to go on with, and the length of the list.
     """
+    nobody = len(turns.ready) - 1
+    begun = used // LANES
     for place in range(begin, end):
         i = nodes[place]
+        if (begun + springs.degree[i] + 1) * LANES > len(out.length):
+            return place, begun * LANES
         for entry in range(springs.start[i], springs.start[i] + springs.degree[i]):
             j = springs.neighbour[entry]
             if 0 <= rank[j] < place:
                 continue
-            out.first[used], out.second[used], out.length[used] = i, j, springs.length[entry]
-            for axis in range(3):
-                out.edge[used, axis] = springs.rest[j, axis] - springs.rest[i, axis]
-            place_of[spring_of[entry]] = used
-            used += 1
-    return used
+            group = _with_room(max(turns.ready[i], turns.ready[j]), begun, turns.free)
+            while begun <= group:
+                _begin_group(begun * LANES, nobody, out)
+                turns.filled[begun], turns.free[begun] = 0, begun
+                begun += 1
+            slot = group * LANES + turns.filled[group]
+            turns.filled[group] += 1
+            if turns.filled[group] == LANES:
+                turns.free[group] = group + 1
+            turns.ready[i] = turns.ready[j] = group + APART
+            _write(slot, i, j, springs.length[entry], springs.rest, out)
+            place_of[spring_of[entry]] = slot
+    return end, begun * LANES
+
+
+@njit(inline="always")
+def _appended(i, j, nobody, used, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """A place for a spring in the last group or, if it does not go there, behind it."""
+    slot = used
+    for other in range(used - 1, max(used - LANES, 0) - 1, -1):
+        a, b = out.first[other], out.second[other]
+        if a == nobody:
+            slot = other
+        elif a in (i, j) or b in (i, j):
+            return used
+    return slot
 
 
 @njit(cache=True, nogil=True)
@@ -82,6 +166,7 @@ def relist(
     used: int,
     out: SpringList,
     place_of: NDArray[np.int32],
+    nobody: int,
 ) -> int:
     """Bury, change or append springs. Modifies `out` and `place_of` in place.
 
@@ -92,47 +177,84 @@ def relist(
         lengths: Rest length of each spring row [m].
         rest: Rest positions in the kernels' precision [m], shape (node_capacity, 3).
         used: Length of the list.
-        out: The list, with room for all.
+        out: The list, with room for a group for each of them.
         place_of: Place of each spring row in it, -1 for none.
+        nobody: The node that does not exist.
 
     Returns:
         Length of the list afterwards.
     """
     for k in range(len(rows)):
         spring = rows[k]
-        place = place_of[spring]
+        place = np.int64(place_of[spring])
         if removed[k]:
             if place >= 0:
                 out.length[place] = REMOVED_LENGTH
             continue
         if place < 0:
-            place = used
-            used += 1
+            place = _appended(ends[spring, 0], ends[spring, 1], nobody, used, out)
+            if place == used:
+                _begin_group(used, nobody, out)
+                used += LANES
             place_of[spring] = place
             out.first[place], out.second[place] = ends[spring, 0], ends[spring, 1]
-        out.length[place] = lengths[spring]
-        i, j = out.first[place], out.second[place]
-        for axis in range(3):
-            out.edge[place, axis] = rest[j, axis] - rest[i, axis]
+        _write(place, out.first[place], out.second[place], lengths[spring], rest, out)
     return used
 
 
+class Nodes(NamedTuple):
+    """The nodes as a pass has them, with a row for the node that does not exist.
+
+    Attributes:
+        u: Displacements [m] and, last, 1 for a node that may move and 0 for a prescribed one, shape
+            (node_capacity + 1, 4).
+        moved: `AT_REST`, `MOVED` or `MOVED_BEFORE`, shape (node_capacity + 1,), uint8.
+    """
+
+    u: NDArray[np.floating]
+    moved: NDArray[np.uint8]
+
+
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _too_much(spring, edge, length, limits, tiny, w0, w1, w2):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Share of the present edge that is beyond a spring's limit, negative if it is too short."""
-    D0, D1, D2 = edge[spring, 0], edge[spring, 1], edge[spring, 2]
-    q = (D0 + D0 + w0) * w0 + (D1 + D1 + w1) * w1 + (D2 + D2 + w2) * w2
-    l0 = length[spring]
-    squared = l0 * l0
-    longer, shorter = limits[1] * squared, limits[2] * squared
-    if shorter <= q <= longer:
-        return tiny - tiny
-    if q > tiny - tiny:
-        p, limit = q - longer, l0 + limits[0] * l0
-    else:
-        p, limit = q - shorter, l0 - limits[0] * l0
-    now = np.sqrt(max(squared + q, tiny))
-    return p / (now * (now + limit))
+def _take_over(rows, u, nodes):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Bring the nodes up to date with what others did to them since the pass before."""
+    X, moved = nodes
+    for i in range(rows):
+        moved[i] = MOVED_BEFORE * (moved[i] & MOVED)
+    for i in range(rows):
+        x, y, z = u[i, 0], u[i, 1], u[i, 2]
+        if (X[i, 0] != x) | (X[i, 1] != y) | (X[i, 2] != z):
+            X[i, 0], X[i, 1], X[i, 2] = x, y, z
+            moved[i] = MOVED
+
+
+@njit(inline="always")
+def _rests(group, first, second, moved):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Whether none of the ends of a group has moved since the pass before began."""
+    middle = group + LANES // 2
+    awake = moved[first[group]] | moved[second[group]]
+    awake |= moved[first[middle]] | moved[second[middle]]
+    if awake != AT_REST:
+        return False
+    for spring in range(group + 1, group + LANES):
+        awake |= moved[first[spring]] | moved[second[spring]]
+    return awake == AT_REST
+
+
+@njit(inline="always")
+def _note_moves(group, outside, first, second, moved):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Note that the ends of springs outside their limits have moved; how many springs those are."""
+    if outside == ALL_OUTSIDE:
+        for spring in range(group, group + LANES):
+            moved[first[spring]] = moved[second[spring]] = MOVED
+        return LANES
+    count = 0
+    for lane in range(LANES):  # Without a branch: which springs are outside is hard to foresee.
+        has_moved = np.uint8(outside >> lane & MOVED)
+        moved[first[group + lane]] |= has_moved
+        moved[second[group + lane]] |= has_moved
+        count += int(has_moved)
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -140,80 +262,78 @@ def relax_springs(
     rows: int,
     used: int,
     springs: SpringList,
-    number: int,
-    since: int,
+    everything: bool,
     prescribed: NDArray[np.bool_],
     limits: NDArray[np.floating],
     tiny: np.floating,
-    moved_in: NDArray[np.int32],
-    seen: NDArray[np.floating],
+    nodes: Nodes,
     u: NDArray[np.floating],
 ) -> int:
-    """One relaxation pass. Modifies `u`, `moved_in` and `seen` in place.
+    """One relaxation pass. Modifies `u` and `nodes` in place.
 
     A spring outside [l0 (1 - eps), l0 (1 + eps)] is put at that limit by moving its ends along it.
     The test needs no square root: l > l0 (1 + eps) is q > l0^2 eps (2 + eps), and l < l0 (1 - eps)
     is q < -l0^2 eps (2 - eps).
 
-    A block none of whose ends has moved since the pass before began is left out: its springs were
+    A group none of whose ends has moved since the pass before began is left out: its springs were
     found inside their limits then, and still are. The result is bit for bit that of looking at all.
 
     Args:
         rows: Node rows in use.
-        used: Springs of the list.
+        used: Length of the list.
         springs: Springs in the order of the pass.
-        number: Counts passes, from 1.
-        since: Blocks none of whose ends moved in this pass or a later one are left out; 0: none.
-        prescribed: Nodes that do not move; the other end takes all.
+        everything: Whether to look at all groups; it must when prescribed nodes have changed.
+        prescribed: Nodes that do not move.
         limits: eps, eps (2 + eps), -eps (2 - eps), and the share of the excess that each of two
-            free ends takes.
+            free ends moves.
         tiny: `TINY` in the precision of `u`.
-        moved_in: Last pass during or before which each node moved, shape (node_capacity,).
-        seen: Displacements when the last pass began [m], shape (node_capacity, 3).
+        nodes: The nodes as the pass before left them.
         u: Displacements [m].
 
     Returns:
         Number of springs that were outside their limits.
     """
     first, second, edge, length = springs
-    for i in range(rows):
-        if u[i, 0] != seen[i, 0] or u[i, 1] != seen[i, 1] or u[i, 2] != seen[i, 2]:
-            seen[i, 0], seen[i, 1], seen[i, 2] = u[i, 0], u[i, 1], u[i, 2]
-            moved_in[i] = number
-    outside = 0
-    for begin in range(0, used, BLOCK):
-        newest = moved_in[first[begin]]
-        for spring in range(begin, begin + BLOCK):
-            newest = max(newest, moved_in[first[spring]], moved_in[second[spring]])
-        if newest < since:
+    X, moved = nodes
+    zero = tiny - tiny
+    one = zero + np.float32(1.0)
+    eps, widest, narrowest, share = limits[0], limits[1], limits[2], limits[3]
+    if everything:
+        for i in range(rows):
+            X[i, 3] = zero if prescribed[i] else one
+    _take_over(rows, u, nodes)
+    count = 0
+    for group in range(0, used, LANES):
+        if not everything and _rests(group, first, second, moved):
             continue
-        for spring in range(begin, begin + BLOCK):
-            a, b = first[spring], second[spring]
-            w0, w1, w2 = u[b, 0] - u[a, 0], u[b, 1] - u[a, 1], u[b, 2] - u[a, 2]
-            excess = _too_much(spring, edge, length, limits, tiny, w0, w1, w2)
-            if excess == tiny - tiny:
-                continue
-            e0, e1, e2 = edge[spring, 0] + w0, edge[spring, 1] + w1, edge[spring, 2] + w2
-            if prescribed[a]:
-                if prescribed[b]:
-                    continue
-                u[b, 0] -= excess * e0
-                u[b, 1] -= excess * e1
-                u[b, 2] -= excess * e2
-                moved_in[b] = number
-            elif prescribed[b]:
-                u[a, 0] += excess * e0
-                u[a, 1] += excess * e1
-                u[a, 2] += excess * e2
-                moved_in[a] = number
-            else:
-                excess *= limits[3]
-                u[a, 0] += excess * e0
-                u[a, 1] += excess * e1
-                u[a, 2] += excess * e2
-                u[b, 0] -= excess * e0
-                u[b, 1] -= excess * e1
-                u[b, 2] -= excess * e2
-                moved_in[a] = moved_in[b] = number
-            outside += 1
-    return outside
+        a0, a1, a2, a_moves = fetch_rows(X, first, group)
+        b0, b1, b2, b_moves = fetch_rows(X, second, group)
+        w0, w1, w2 = b0 - a0, b1 - a1, b2 - a2
+        at = 3 * group
+        D0, D1, D2 = load(edge, at), load(edge, at + LANES), load(edge, at + 2 * LANES)
+        e0, e1, e2 = D0 + w0, D1 + w1, D2 + w2
+        q = (D0 + e0) * w0 + (D1 + e1) * w1 + (D2 + e2) * w2
+        l0 = load(length, group)
+        squared = l0 * l0
+        longer, shorter = q - widest * squared, q - narrowest * squared
+        outside = bits(longer > zero) | bits(shorter < zero)
+        if outside == 0:
+            continue
+        p = select(longer > zero, longer, zero) + select(shorter < zero, shorter, zero)
+        limit = l0 * select(q > zero, one + eps, one - eps)
+        now = squared + q
+        now = root(select(now > tiny, now, tiny))
+        excess = p / (now * (now + limit))
+        # Two free ends take their share each; one alone takes all of it.
+        shared = (one - share) * (a_moves * b_moves)
+        excess_a, excess_b = excess * (a_moves - shared), excess * (b_moves - shared)
+        put_rows(
+            X, first, group, (a0 + excess_a * e0, a1 + excess_a * e1, a2 + excess_a * e2, a_moves)
+        )
+        put_rows(
+            X, second, group, (b0 - excess_b * e0, b1 - excess_b * e1, b2 - excess_b * e2, b_moves)
+        )
+        count += _note_moves(group, outside, first, second, moved)
+    for i in range(rows):
+        u[i, 0], u[i, 1], u[i, 2] = X[i, 0], X[i, 1], X[i, 2]
+    return count
