@@ -27,6 +27,9 @@ class Scene:
         rate_hz: Frames per simulated second [1/s].
         seeded_release: Distance from released nodes within which tissue starts from rest, blended
             [m]; 0: it starts from where it is.
+        predictor: Name of a fast model whose changes are where the steps of a frame start from;
+            "": none.
+        predictor_steps: Its steps in a frame.
         fibres: Unit vector along the fibres of each element, zero where it has none, float32, shape
             (element_rows, 3); None: as the mesh says.
         displacement: Displacement from rest at the start [m], float32, shape (node_rows, 3); None:
@@ -39,6 +42,8 @@ class Scene:
     tools: tuple[ToolSpec, ...] = ()
     rate_hz: float = 60.0
     seeded_release: float = 0.0
+    predictor: str = ""
+    predictor_steps: int = 1
     fibres: NDArray[np.float32] | None = None
     displacement: NDArray[np.float32] | None = None
 
@@ -51,6 +56,8 @@ class Scene:
             "tools": [tool.as_arguments() for tool in self.tools],
             "rate_hz": self.rate_hz,
             "seeded_release": self.seeded_release,
+            "predictor": self.predictor,
+            "predictor_steps": self.predictor_steps,
         }
         if self.displacement is not None:
             arguments["displacement"] = _packed(self.displacement)
@@ -67,8 +74,10 @@ class Scene:
             material=Material.from_arguments(arguments["material"]),
             tools=tuple(ToolSpec.from_arguments(tool) for tool in arguments["tools"]),
             rate_hz=float(arguments["rate_hz"]),
-            # Journals from before there was seeding do not have it.
+            # Journals from before there were seeding and prediction do not have them.
             seeded_release=float(arguments.get("seeded_release", 0.0)),
+            predictor=str(arguments.get("predictor", "")),
+            predictor_steps=int(arguments.get("predictor_steps", 1)),
             fibres=_unpacked(arguments, "fibres"),
             displacement=_unpacked(arguments, "displacement"),
         )

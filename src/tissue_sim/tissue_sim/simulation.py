@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tissue_sim.commands import execute
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
+from tissue_sim.elastic.predictor import predictor_of
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.frame import (
     Answer,
@@ -101,6 +102,11 @@ class Simulation:
         self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
         self.model.prescribed_changed(self.state, self.holds.rows)
         self._seeding.warm_up(self._network)
+        predictor = self.scene.predictor
+        self._predictor = predictor_of(
+            predictor, self.scene.predictor_steps, self.model, self._network,
+            self.scene.parameters.get(predictor, {}), self.state,
+        )  # fmt: skip
         self._prepared: dict[str, tuple[int, Model]] = {}
         self._checked: dict[int, CheckedEdit] = {}
         self._good = self.state.displacement.copy()
@@ -198,6 +204,8 @@ class Simulation:
         self.state.previous[:] = self.state.displacement
         self._owed = 0.0
         self.model.prescribed_changed(self.state, self.holds.rows)
+        if self._predictor is not None and not self.model.takes_guess:
+            self._events.append(f"model {name} takes no prediction: {self.scene.predictor} waits")
         self.holds.forget_stiffness()
         self._report_unfelt(list(self.holds.by_id.values()))
 
@@ -289,6 +297,8 @@ class Simulation:
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
+        if self._predictor is not None:
+            self._predictor.topology_changed(change, self.state)
         self.holds.forget_stiffness()
         self._events += self.model.events
         self.model.events.clear()
@@ -333,10 +343,12 @@ class Simulation:
             self._owed += 1.0 / (self.scene.rate_hz * self.model.time_step) + 1e-9
             steps = int(self._owed)
             self._owed -= steps
+        end = min(time.perf_counter() + budget.seconds, budget.until)
+        if self._predictor is not None:
+            self._predictor.predict(self.model, self.state)
         pulled = self._pulled_holds()
         seconds: list[float] = []
         longest, last = 0.0, time.perf_counter()
-        end = min(last + budget.seconds, budget.until)
         while True:
             if steps is not None and len(seconds) >= steps:
                 return seconds
@@ -387,6 +399,8 @@ class Simulation:
             patch.restore()
         # The model may remember what it made of the lost state.
         self.model.prescribed_changed(self.state, self.holds.rows)
+        if self._predictor is not None:
+            self._predictor.restart(self.state)
         return positions, lost
 
     def _wrenches(self) -> dict[str, NDArray[np.float64]]:
@@ -421,3 +435,5 @@ class Simulation:
             seeded = self._seeding.seed(self.state, freed, self._network)
             self.model.nodes_placed(seeded)
         self.model.prescribed_changed(self.state, self.holds.rows)
+        if self._predictor is not None:
+            self._predictor.prescribed_changed(self.state, self.holds.rows)

@@ -9,6 +9,7 @@ from typing import Any
 
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Material, Parameter, RegionMaterial
+from tissue_sim.elastic.predictor import MOST_STEPS
 from tissue_sim.frames import Frames, frame_specs
 from tissue_sim.geometry.regions import region_key
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
@@ -79,6 +80,14 @@ SPECS = (
         "seeded_release", "double", 0.0,
         "Distance from released tissue within which it starts from rest, blended; 0: not at all.",
         unit="m", minimum=0.0, maximum=LARGEST_RADIUS,
+    ),
+    Spec(
+        "predictor", "string", "",
+        "A fast model whose changes are where the steps of a frame start from; empty: none.",
+    ),
+    Spec(
+        "predictor_steps", "integer", 1, "Steps of the predictor in a frame.",
+        minimum=1, maximum=MOST_STEPS,
     ),
     Spec("tools", "strings", [], "Ids of the tools at the start."),
     Spec(
@@ -289,6 +298,8 @@ class Settings:
                 tools=tuple(_tool(values, tool) for tool in values["tools"]),
                 rate_hz=values["rate_hz"],
                 seeded_release=values["seeded_release"],
+                predictor=values["predictor"],
+                predictor_steps=values["predictor_steps"],
             ),
             frames=Frames.from_parameters(values["frame_id"], values),
             limits=limits,

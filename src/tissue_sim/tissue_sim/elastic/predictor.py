@@ -49,8 +49,10 @@ class Predictor:
         Raises:
             ValueError: The model or a number is not allowed.
         """
-        if name not in registry.names():
-            raise ValueError(f"there is no predictor {name!r}; allowed: {_allowed()}")
+        if name not in allowed_names():
+            raise ValueError(
+                f"there is no predictor {name!r}; allowed: {', '.join(allowed_names())}"
+            )
         if not 1 <= steps <= MOST_STEPS:
             raise ValueError(
                 f"predictor_steps = {steps} is out of range; allowed: 1 to {MOST_STEPS}"
@@ -59,7 +61,8 @@ class Predictor:
         self.model = registry.build(name, mesh, springs.material, dict(parameters), springs)
         if self.model.time_step is not None:
             raise ValueError(
-                f"predictor {name} goes by time, it cannot go ahead; allowed: {_allowed()}"
+                f"predictor {name}, as it is set, goes by time and cannot go ahead; allowed: "
+                "without dynamic"
             )
         self._mesh, self._springs, self._steps = mesh, springs, steps
         self._held = np.empty(0, dtype=np.int32)
@@ -109,7 +112,7 @@ class Predictor:
             self.model.step(self.state)
             if self.model.idle:
                 break
-        if moves and model.takes_guess:
+        if moves and model.takes_guess and model.name != self.model.name:
             model.guess(state, self._before, self.state.displacement)
 
     def _place(self, state: State) -> bool:
@@ -120,5 +123,39 @@ class Predictor:
         return moves
 
 
-def _allowed() -> str:
-    return ", ".join(name for name in registry.names() if name != SpringMass.name)
+def predictor_of(
+    name: str,
+    steps: int,
+    model: Model,
+    springs: SpringNetwork,
+    parameters: Mapping[str, float],
+    state: State,
+) -> Predictor | None:
+    """The predictor that a scene asks for; None if it asks for none.
+
+    Args:
+        name: Name of the fast model; "": none.
+        steps: Its steps in a frame.
+        model: The precise model.
+        springs: Its network.
+        parameters: Parameters of the fast model that differ from its defaults.
+        state: Displacements and prescribed nodes of the precise model.
+
+    Raises:
+        ValueError: The models or a number are not allowed.
+    """
+    if not name:
+        return None
+    if not model.takes_guess:
+        raise ValueError(
+            f"model {model.name}, as it is set, takes no prediction; allowed with a predictor: "
+            "quasi_static, vertex_block_descent without dynamic, finite_element without corotated"
+        )
+    if name == model.name:
+        raise ValueError(f"model {name} cannot be its own predictor; allowed: another model")
+    return Predictor(name, steps, springs, parameters, state)
+
+
+def allowed_names() -> tuple[str, ...]:
+    """Names of the models that can go ahead."""
+    return tuple(name for name in registry.names() if name != SpringMass.name)
