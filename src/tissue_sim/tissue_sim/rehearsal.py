@@ -11,6 +11,7 @@ from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
@@ -26,6 +27,7 @@ def rehearse() -> None:
     """
     for name in registry.names():
         _rehearse(Scene(model=name, tools=(TOOL,)))
+    _rehearse(Scene(tools=(replace(TOOL, hold=FORCE),)))
 
 
 def _rehearse(scene: Scene) -> None:
