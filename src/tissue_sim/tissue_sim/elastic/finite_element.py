@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.conjugate_gradients import ConjugateGradients
 from tissue_sim.elastic.corotated import Corotated
+from tissue_sim.elastic.direct_solver import DirectSolver
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.responses import Responses
@@ -71,6 +72,11 @@ class FiniteElement(MeshModel):
             "1: lanes that are free solve for motions before they occur",
             integer=True,
         ),
+        Parameter(
+            "direct", 0, 0, 1, "",
+            "1: the matrix is factorised beforehand; only until the first cut",
+            integer=True,
+        ),
     )  # fmt: skip
 
     def __init__(
@@ -82,7 +88,13 @@ class FiniteElement(MeshModel):
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
         self.corotated: Corotated | None = None
+        self._direct: DirectSolver | None = None
         if self.values["corotated"]:
+            if self.values["direct"]:
+                raise ValueError(
+                    "direct = 1 and corotated = 1: the matrix of turned elements changes all the "
+                    "time; allowed: one of them"
+                )
             self.corotated = Corotated(
                 self.springs, self.values["tolerance"], self.values["rest_tolerance"]
             )
@@ -96,6 +108,8 @@ class FiniteElement(MeshModel):
         self._shares = np.zeros((1, 1, LANES), dtype=self.springs.dtype)
         self._forces, self._until_forces = np.zeros(LANES), 0
         self._corrected = self._waits = self._foresees = self._guessed = False
+        if self.values["direct"]:
+            self._direct = DirectSolver(self.stiffness)
 
     @property
     def idle(self) -> bool:
@@ -123,11 +137,25 @@ class FiniteElement(MeshModel):
             if self.responses.changed:
                 self._show(state)
             return
+        if self._direct is not None and self._direct.go_on():
+            self._solve_directly(self._direct)
+            self._show(state)
+            return
         self._solver.iterate(state.prescribed)
         self._show(state)
         for lane in np.flatnonzero(self._solver.active):
             if self._solved(lane, state):
                 self._finish(lane)
+
+    def _solve_directly(self, direct: DirectSolver) -> None:
+        """Solve one motion, or correct the shape."""
+        lane = int(np.flatnonzero(self._solver.active)[0])
+        x = self._solver.x[:, :, lane]
+        if self._work[lane] is Work.CORRECTION:
+            x[:] = direct.change(self.responses.sum)
+        else:
+            x += direct.change(x)
+        self._finish(lane)
 
     def _begin(self, state: State) -> None:
         """Give the lanes that are free something to do."""
@@ -226,6 +254,8 @@ class FiniteElement(MeshModel):
         patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
         self.responses.restart(state, held, patches)
         self._begin_anew(state)
+        if self._direct is not None:
+            self._direct.hold(held)
 
     @property
     def takes_guess(self) -> bool:
@@ -254,6 +284,12 @@ class FiniteElement(MeshModel):
             self.corotated.follow(change, state)
             return
         self.stiffness.follow(change)
+        if self._direct is not None:
+            self._direct = None
+            self.events.append(
+                "finite_element: the factorised matrix is that of the organ before the cut; "
+                "conjugate gradients go on"
+            )
         self._solver.follow(change.copied_nodes, change.copy_parents)
         if self.mesh.node_capacity > len(self._all):
             self._all = np.arange(self.mesh.node_capacity, dtype=np.int32)
