@@ -18,6 +18,7 @@ from cut_service.sweep import Sweep
 from cut_service.ungluing import Ungluing, unglue
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
+from tissue_sim.geometry.edit_check import SHEETS_STAY_WHOLE
 from tissue_sim.geometry.faces import LOCAL_FACES
 from tissue_sim.geometry.mesh import Mesh
 
@@ -124,14 +125,16 @@ def plan(
 
     Raises:
         SweepError: The sweep is enormous beside the organ.
-        CutError: Unknown method, positions that do not fit or are not finite, or a sweep that
-            splits nothing.
+        CutError: Unknown method, tissue made of surfaces, positions that do not fit or are not
+            finite, or a sweep that splits nothing.
     """
     begin = time.perf_counter()
     if method not in METHODS:
         raise CutError(
             CutCode.UNKNOWN_METHOD, f"unknown method {method!r}; known: {', '.join(METHODS)}"
         )
+    if mesh.sheet is not None:
+        raise CutError(CutCode.REFUSED, SHEETS_STAY_WHOLE)
     work = _prepare(mesh, positions, sweep, settings or Settings(), held)
     selection = select(work.links, work.alive, work.positions, sweep)
     if not len(selection.crossed):

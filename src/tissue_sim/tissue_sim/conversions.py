@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import astuple, fields
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
-from tissue_sim.geometry.surface import boundary_triangles
+from tissue_sim.geometry.sheet import Sheet, SheetStiffness
+from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 
 ALIVE, FIXED = 1, 2
@@ -161,9 +163,37 @@ def mesh_to_topology(mesh: Mesh, epoch: bytes, frame_id: str, stamp: Time) -> To
     fill(message.tetrahedra, mesh.node_ids[mesh.tets[:elements]])
     fill(message.region_labels, np.array(list(mesh.region_names), dtype=np.int32))
     message.region_names = list(mesh.region_names.values())
-    triangles, _ = boundary_triangles(mesh.tets[:elements], mesh.element_alive[:elements], nodes)
-    fill(message.surface_triangles, mesh.node_ids[triangles])
+    fill(message.surface_triangles, mesh.node_ids[surface_triangles(mesh)])
+    if mesh.sheet is not None:
+        _fill_sheet(message, mesh, mesh.sheet)
     return message
+
+
+def _fill_sheet(message: Topology, mesh: Mesh, sheet: Sheet) -> None:
+    fill(message.triangle_thickness, sheet.thickness)
+    fill(message.springs, mesh.node_ids[sheet.springs])
+    fill(message.spring_categories, sheet.categories)
+    fill(message.spring_volumes, sheet.volumes)
+    fill(message.category_stiffness, np.array(astuple(sheet.stiffness)))
+    message.category_names = [field.name for field in fields(sheet.stiffness)]
+
+
+def _sheet_of(message: Topology) -> Sheet | None:
+    """The sheet of a keyframe; None where the tissue is made of tetrahedra."""
+    # Bags from before there were sheets do not have it.
+    thickness = array_of(getattr(message, "triangle_thickness", ()), np.float64)
+    if not len(thickness):
+        return None
+    factors = map(float, message.category_stiffness)
+    named = dict(zip(map(str, message.category_names), factors, strict=True))
+    return Sheet(
+        triangles=array_of(message.surface_triangles, np.uint32).reshape(-1, 3).astype(np.int32),
+        thickness=thickness,
+        springs=array_of(message.springs, np.uint32).reshape(-1, 2).astype(np.int32),
+        categories=array_of(message.spring_categories, np.uint8),
+        volumes=array_of(message.spring_volumes, np.float64),
+        stiffness=SheetStiffness(**named),
+    )
 
 
 def topology_to_mesh(message: Topology) -> Mesh:
@@ -183,6 +213,7 @@ def topology_to_mesh(message: Topology) -> Mesh:
         ),
         node_file_ids=array_of(message.node_file_ids, np.int64),
         element_file_ids=array_of(message.element_file_ids, np.int64),
+        sheet=_sheet_of(message),
         name=message.organ,
     )
     mesh = Mesh(raw, (flags & FIXED) > 0)

@@ -71,9 +71,10 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     """Print the summary as a table."""
     geometry = summary["geometry"]
     table = Table(title="summary", show_header=False)
+    kind = "triangles" if "triangles" in geometry else "tetrahedra"
     table.add_row(
         str(geometry.get("name", "")),
-        f"{geometry.get('nodes', 0):,} nodes, {geometry.get('tetrahedra', 0):,} tetrahedra, "
+        f"{geometry.get('nodes', 0):,} nodes, {geometry.get(kind, 0):,} {kind}, "
         f"model {summary['model']}",
     )
     late = summary.get("late_frames") or 0

@@ -14,8 +14,10 @@ from tissue_sim.default_procedure import tool_parameters, write_default_procedur
 from tissue_sim.elastic import registry
 from tissue_sim.free_domain import choose_domain
 from tissue_sim.geometry.scene_geometry import load, suggest_interaction
+from tissue_sim.geometry.sheet_geometry import KINDS
 from tissue_sim.launcher import Launcher, LaunchError, describe_exit
 from tissue_sim.run_report import print_report, read_report
+from tissue_sim.scene import Scene
 from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene, is_mesh_file
 from tissue_sim.session import (
     SCRIPT,
@@ -25,6 +27,7 @@ from tissue_sim.session import (
     start_session,
     tools_of,
 )
+from tissue_sim.simulation_parameters import sheet_settings
 
 RATE_HZ = 60.0
 HEADLESS_SECONDS = 10.0
@@ -45,6 +48,8 @@ class RunOptions:
         units: Unit of a mesh file.
         fixed: Nodes that never move; empty: as the scene says.
         model: Elastic model; empty: as the scene says.
+        kind: What the geometry is made of (`geometry.sheet_geometry.KINDS`); empty: as the scene
+            says.
         headless: Without page and viewer; a procedure is played.
         frames: Frames to run; 0: no limit.
         seconds: Seconds to run; 0: no limit.
@@ -59,6 +64,7 @@ class RunOptions:
     units: str
     fixed: str
     model: str
+    kind: str
     headless: bool
     frames: int
     seconds: float
@@ -104,6 +110,10 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
     if options.model:
         registry.parameters_of(options.model)
         changes["model"] = options.model
+    if options.kind:
+        if options.kind not in KINDS:
+            raise ValueError(f"unknown kind {options.kind!r}; allowed: {', '.join(KINDS)}")
+        changes["geometry_kind"] = options.kind
     if options.fixed:
         changes["fixed"] = options.fixed
     if options.procedure is not None:
@@ -147,7 +157,13 @@ def _suggested(
 ) -> tuple[dict[str, Any], Path | None]:
     """Tools for a geometry nobody has chosen any for, and the default procedure when headless."""
     values = scene.simulation
-    geometry = load(values["geometry"], values.get("units", ""), values.get("fixed", "auto"))
+    sheet = sheet_settings(values)
+    geometry = load(
+        values["geometry"], values.get("units", ""), values.get("fixed", "auto"), sheet=sheet
+    )
+    model = values.get("model", Scene.model)
+    registry.parameters_of(model)
+    registry.check_geometry(model, geometry.mesh)
     for line in geometry.report.lines():
         console.print(f"  {line}", markup=False)
     interaction = suggest_interaction(geometry.mesh)
@@ -156,7 +172,7 @@ def _suggested(
         return tools, options.procedure
     procedure = options.out / "procedure.yaml"
     seconds = (frames or HEADLESS_SECONDS * RATE_HZ) / float(values.get("rate_hz", RATE_HZ))
-    write_default_procedure(procedure, interaction, seconds)
+    write_default_procedure(procedure, interaction, seconds, cut=sheet is None)
     return tools, procedure
 
 

@@ -114,6 +114,7 @@ class SimulationNode(Node):
             cell=values["cell"] or None,
             regions=self._settings.regions,
             fibres=values["fibres"],
+            sheet=self._settings.sheet,
         )
         for line in geometry.report.mended:
             self.get_logger().info(line)
@@ -122,8 +123,11 @@ class SimulationNode(Node):
         epoch = hashlib.blake2b(str(seed).encode(), digest_size=16).digest() if seed else None
         simulation = Simulation(geometry.mesh, self._settings.scene, epoch)
         mesh = geometry.mesh
+        made_of = f"{mesh.element_rows} tetrahedra"
+        if mesh.sheet is not None:
+            made_of = f"{len(mesh.sheet.triangles)} triangles"
         self.get_logger().info(
-            f"{mesh.name}: {mesh.node_rows} nodes, {mesh.element_rows} tetrahedra, "
+            f"{mesh.name}: {mesh.node_rows} nodes, {made_of}, "
             f"{int(mesh.fixed.sum())} fixed, model {simulation.model.name}"
         )
         return simulation

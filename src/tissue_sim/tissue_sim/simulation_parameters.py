@@ -12,6 +12,15 @@ from tissue_sim.elastic.model import Material, Parameter, RegionMaterial
 from tissue_sim.elastic.predictor import MOST_STEPS
 from tissue_sim.frames import Frames, frame_specs
 from tissue_sim.geometry.regions import region_key
+from tissue_sim.geometry.sheet import LARGEST_FACTOR, SheetStiffness
+from tissue_sim.geometry.sheet_geometry import (
+    CONNECTED,
+    KINDS,
+    SURFACE,
+    THICKEST,
+    VOLUME,
+    SheetSettings,
+)
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 from tissue_sim.interaction.reaction import ForceLimits
@@ -35,6 +44,29 @@ SPECS = (
     Spec(
         "cell", "double", 0.0, "Element size for filling a surface file; 0: chosen.",
         unit="m", minimum=0.0, maximum=1.0,
+    ),
+    Spec(
+        "geometry_kind", "string", VOLUME,
+        "Tetrahedra (a surface file is filled), the triangles of the surface, or triangles joined "
+        "through the tissue.",
+        choices=KINDS,
+    ),
+    Spec(
+        "surface_thickness", "double", 0.0,
+        "Of the tissue that triangles stand for; 0: 2 mm for a surface, half of the tissue's own "
+        "for connected surfaces.",
+        unit="m", minimum=0.0, maximum=THICKEST,
+    ),
+    *(
+        Spec(f"stiffness.{name}", "double", default, meaning, minimum=low, maximum=LARGEST_FACTOR)
+        for name, default, low, meaning in (
+            ("surface", 1.0, 1e-6, "Factor of the stiffness of the edges of triangles."),
+            ("connecting", 1.0, 1e-6, "Factor of that of springs to the opposite side."),
+            ("bending", 0.0, 0.0, "Factor of that of springs across two edges; 0: none."),
+            ("angular", 0.0, 0.0, "Factor of that of springs across two triangles; 0: none."),
+            ("torsion", SAME, SAME, "Factor of that of torsion springs; 0: none, -1: 1 for a "
+                                    "surface, none for connected surfaces."),
+        )
     ),
     Spec("fixed", "string", "auto", "Nodes that never move: auto, none, set:NAME, low:z:0.1, ..."),
     Spec("frame_id", "string", "organ", "The organ's frame: of rest positions and of all output."),
@@ -269,6 +301,7 @@ class Settings:
         wait_for: Topics and how many must be matched before the clock starts.
         shape: Parameters of the generated shape.
         regions: Where regions lie, by name.
+        sheet: How the surface becomes tissue; None: the tissue is made of tetrahedra.
     """
 
     scene: Scene
@@ -281,6 +314,7 @@ class Settings:
     wait_for: Mapping[str, int]
     shape: Mapping[str, float]
     regions: Mapping[str, str]
+    sheet: SheetSettings | None
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
@@ -314,6 +348,7 @@ class Settings:
                 if key.startswith("shape.")
             },
             regions={name: values[f"region.{name}.where"] for name in values["regions"]},
+            sheet=sheet_settings(values),
         )
 
 
@@ -334,6 +369,34 @@ def _material(values: Mapping[str, Any]) -> Material:
 
     regions = tuple(part(region) for region in values["regions"])
     return Material(**{name: values[name] for name in names}, regions=regions)
+
+
+def sheet_settings(values: Mapping[str, Any]) -> SheetSettings | None:
+    """How the surface becomes tissue; None: the tissue is made of tetrahedra.
+
+    Args:
+        values: Parameters by name; defaults for those left out.
+
+    Raises:
+        ValueError: A value is out of range, or given for tetrahedra.
+    """
+    table = {spec.name: spec for spec in SPECS}
+    factors = [name for name in table if name.startswith("stiffness.")]
+    names = ["geometry_kind", "surface_thickness", *factors]
+    given = {name: table[name].checked(values.get(name, table[name].default)) for name in names}
+    kind = given["geometry_kind"]
+    if kind == VOLUME:
+        for name in names[1:]:
+            if given[name] != table[name].default:
+                raise ParameterError(
+                    f"{name} is for geometry_kind {SURFACE} or {CONNECTED}, which is {kind}"
+                )
+        return None
+    stiffness = {name.split(".")[1]: given[name] for name in factors}
+    if stiffness["torsion"] == SAME:
+        stiffness["torsion"] = 1.0 if kind == SURFACE else 0.0
+    settings = SheetSettings(kind, given["surface_thickness"], SheetStiffness(**stiffness))
+    return settings.checked()
 
 
 def tool_limits(values: Mapping[str, Any]) -> ToolLimits:

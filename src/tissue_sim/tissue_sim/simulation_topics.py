@@ -27,7 +27,7 @@ from tissue_interfaces.msg import (
 from tissue_sim import conversions, qos
 from tissue_sim.diagnostics import Finding
 from tissue_sim.frame import Frame
-from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.components import parts_of
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tracker import ToolTracker
 
@@ -224,10 +224,7 @@ class Keyframes:
 
     def make(self, mesh: Mesh, epoch: bytes, stamp: Time) -> Topology:
         """A keyframe, and the number of parts of the organ on the way."""
-        elements = mesh.element_rows
-        self.components, _ = connected_components(
-            mesh.tets[:elements], mesh.element_alive[:elements], mesh.node_rows
-        )
+        self.components = parts_of(mesh)
         return conversions.mesh_to_topology(mesh, epoch, self._topics.frame_id, stamp)
 
     def begin(self, mesh: Mesh, epoch: bytes, now: float, stamp: Time) -> None:

@@ -8,7 +8,7 @@ import re
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet import Sheet, SheetStiffness, checked_sheet
 
 FORMAT = 1
 SUFFIX = ".npz"
@@ -94,6 +95,7 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
         regions=mesh.regions[elements],
         region_names=dict(mesh.region_names),
         fibres=mesh.fibres[elements],
+        sheet=mesh.sheet,
         node_file_ids=mesh.node_file_ids[nodes],
         element_file_ids=mesh.element_file_ids[elements],
         name=mesh.name,
@@ -126,6 +128,8 @@ def save(snapshot: Snapshot, folder: Path, name: str) -> Path:
         "region_labels": np.array(list(raw.region_names), dtype=np.int32),
         "region_names": np.array(list(raw.region_names.values()), dtype=np.str_),
     }
+    if raw.sheet is not None:
+        values |= _sheet_arrays(raw.sheet)
     temporary = ""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -168,6 +172,34 @@ def saved(folder: Path) -> list[str]:
     return sorted(path.stem for path in folder.glob(f"[!.]*{SUFFIX}"))
 
 
+def _sheet_arrays(sheet: Sheet) -> dict[str, NDArray[Any]]:
+    return {
+        "sheet_triangles": sheet.triangles,
+        "sheet_thickness": sheet.thickness,
+        "sheet_springs": sheet.springs,
+        "sheet_categories": sheet.categories,
+        "sheet_volumes": sheet.volumes,
+        "sheet_stiffness": np.array(astuple(sheet.stiffness)),
+    }
+
+
+def _checked_sheet(path: Path, values: Mapping[str, NDArray[Any]]) -> Sheet | None:
+    if "sheet_triangles" not in values:
+        return None
+    try:
+        sheet = Sheet(
+            triangles=values["sheet_triangles"].astype(np.int32).reshape(-1, 3),
+            thickness=values["sheet_thickness"].astype(np.float64),
+            springs=values["sheet_springs"].astype(np.int32).reshape(-1, 2),
+            categories=values["sheet_categories"].astype(np.uint8),
+            volumes=values["sheet_volumes"].astype(np.float64),
+            stiffness=SheetStiffness(*map(float, values["sheet_stiffness"])),
+        )
+        return checked_sheet(sheet, values["points"].astype(np.float64))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SnapshotError(f"{path} is damaged: its surface: {error}") from error
+
+
 def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     if int(values.get("format", np.array(-1)).sum()) != FORMAT:
         raise SnapshotError(f"{path} is not a snapshot of format {FORMAT}")
@@ -189,7 +221,8 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     for key, shape in shapes.items():
         if values[key].shape != shape:
             raise SnapshotError(f"{path} is damaged: {key} has shape {values[key].shape}")
-    if not elements or tets.min() < 0 or tets.max() >= nodes:
+    sheet = _checked_sheet(path, values)
+    if (not elements and sheet is None) or (tets < 0).any() or (tets >= nodes).any():
         raise SnapshotError(f"{path} is damaged: its elements name nodes that are not there")
     finite = all(np.isfinite(values[key]).all() for key in ("points", "displacement", "fibres"))
     if not finite or not (signed_volumes(values["points"], tets.astype(np.int32)) > 0).all():
@@ -200,6 +233,7 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
         tetrahedra=tets,
         regions=values["regions"].astype(np.int32),
         fibres=values["fibres"].astype(np.float32),
+        sheet=sheet,
         region_names=dict(zip(labels, map(str, values["region_names"]), strict=True)),
         node_file_ids=values["node_file_ids"].astype(np.int64),
         element_file_ids=values["element_file_ids"].astype(np.int64),

@@ -21,7 +21,7 @@ from tissue_sim.conversions import (
     topology_to_mesh,
 )
 from tissue_sim.elastic import registry
-from tissue_sim.geometry.surface import boundary_triangles
+from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import Spec
 from tissue_sim.replica import Replica
@@ -165,10 +165,7 @@ class MouseNode(Node):
             return
         version = (self._replica.epoch, mesh.version)
         if version != self._shown:
-            rows = mesh.element_rows
-            triangles, _ = boundary_triangles(
-                mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
-            )
+            triangles = surface_triangles(mesh)
             self._surface_nodes, corners = np.unique(triangles, return_inverse=True)
             faces = corners.reshape(-1, 3).astype(np.uint32)
             self.page.show_topology(shape.positions[self._surface_nodes], faces)

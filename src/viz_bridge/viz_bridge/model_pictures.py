@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim import model_study
-from tissue_sim.geometry.surface import boundary_triangles
+from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.model_study import Pull, Row, Shape
 from viz_bridge.organ_surface import surface_of
 from viz_bridge.picture_scene import VIEW_ANGLE, Camera
@@ -75,14 +75,10 @@ def panels(shapes: list[Shape], columns: int, titles: list[str]) -> dict[str, ND
     for number, (shape, title) in enumerate(zip(shapes, titles, strict=True)):
         pull = shape.pull
         rest = pull.mesh.rest[: pull.mesh.node_rows]
-        rows = pull.mesh.element_rows
         part = surface_of(pull.mesh).outside
         positions = (rest + shape.displacement).astype(np.float32)
         vertices = part.vertices(positions)
-        triangles, _ = boundary_triangles(
-            pull.mesh.tets[:rows], pull.mesh.element_alive[:rows], len(rest)
-        )
-        shown = np.intersect1d(pull.held, triangles)
+        shown = np.intersect1d(pull.held, surface_triangles(pull.mesh))
         camera = camera_of_pull(pull)
         arrays |= {
             f"panel{number}_points": vertices,

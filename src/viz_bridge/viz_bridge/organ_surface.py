@@ -116,7 +116,14 @@ def _keys(triples: NDArray[np.int64], nodes: int) -> NDArray[np.uint64]:
 
 
 def surface_of(mesh: Mesh) -> OrganSurface:
-    """The surface of a mesh as it is now."""
+    """The surface of a mesh as it is now; of a sheet every triangle is outside."""
+    if mesh.sheet is not None:
+        triangles, none = mesh.sheet.triangles, np.empty((0, 3), dtype=np.int32)
+        return OrganSurface(
+            mesh.version,
+            _part(triangles, np.zeros((len(triangles), 3)), OUTSIDE),
+            _part(none, np.empty((0, 3)), INSIDE),
+        )
     rows = mesh.element_rows
     triangles, elements = boundary_triangles(
         mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.surface import boundary_triangles
+from tissue_sim.geometry.surface import surface_triangles
 from viz_bridge.bag_reader import read_organ
 from viz_bridge.cdr import Message
 from viz_bridge.moments import opening
@@ -233,17 +233,18 @@ class SessionFigures:
 
 def boundary_size(mesh: Mesh) -> int:
     """Number of boundary triangles of a mesh as it is now."""
-    rows = mesh.element_rows
-    triangles, _ = boundary_triangles(mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows)
-    return len(triangles)
+    return len(surface_triangles(mesh))
 
 
 def describe(mesh: Mesh) -> dict[str, Any]:
     """Name and size of a mesh."""
+    elements = {"tetrahedra": int(mesh.element_alive[: mesh.element_rows].sum())}
+    if mesh.sheet is not None:
+        elements = {"triangles": len(mesh.sheet.triangles)}
     return {
         "name": mesh.name,
         "nodes": int(mesh.node_alive[: mesh.node_rows].sum()),
-        "tetrahedra": int(mesh.element_alive[: mesh.element_rows].sum()),
+        **elements,
     }
 
 

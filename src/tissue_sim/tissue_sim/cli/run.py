@@ -22,6 +22,9 @@ def run(
     units: Annotated[str, typer.Option(help="Unit of a mesh file: mm or m.")] = "",
     fixed: Annotated[str, typer.Option(help=HELP_FIXED)] = "",
     model: Annotated[str, typer.Option(help="Elastic model.")] = "",
+    kind: Annotated[
+        str, typer.Option(help="What it is made of: volume, surface or connected_surfaces.")
+    ] = "",
     headless: Annotated[
         bool, typer.Option("--headless", help="No page and no viewer; a procedure is played.")
     ] = False,
@@ -45,6 +48,7 @@ def run(
         units=units,
         fixed=fixed,
         model=model,
+        kind=kind,
         headless=headless,
         frames=frames,
         seconds=duration,

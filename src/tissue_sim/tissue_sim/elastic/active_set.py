@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.acceleration import Acceleration
 from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
+from tissue_sim.elastic.node_sweeps import largest_force, sweep, sweep_with_momentum
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.kernels.extrapolation import add_difference
 from tissue_sim.kernels.orderings import UNREACHED
-from tissue_sim.kernels.springs import largest_force, sweep_nodes, sweep_nodes_with_momentum
 
 
 class ActiveSet:
@@ -152,20 +152,13 @@ class ActiveSet:
                 self._come_to_rest(state)
 
     def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
-        return float(
-            sweep_nodes(
-                self.ordering.nodes, begin, end, self.springs.arrays, state.prescribed, step,
-                self.springs.tiny, state.displacement,
-            )
-        )  # fmt: skip
+        return sweep(self.springs, self.ordering.nodes, begin, end, state, step)
 
     def _sweep_region(self, state: State, step: np.floating, share: float) -> float:
         """One sweep over the region, before which every node repeats a share of its last move."""
-        return float(
-            sweep_nodes_with_momentum(
-                self.ordering.nodes, 0, self.end, self.springs.arrays, state.prescribed, step,
-                self.springs.dtype(share), self.springs.tiny, state.displacement, self._last_move,
-            )
+        return sweep_with_momentum(
+            self.springs, self.ordering.nodes, 0, self.end, state, step,
+            self.springs.dtype(share), self._last_move,
         )  # fmt: skip
 
     def _forget_moves(self) -> None:
@@ -199,11 +192,7 @@ class ActiveSet:
         return math.sqrt(max(region, rest))
 
     def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
-        force, step = largest_force(
-            nodes, 0, end, self.springs.arrays, state.prescribed, state.displacement,
-            self.springs.tiny,
-        )  # fmt: skip
-        return float(force), float(step)
+        return largest_force(self.springs, nodes, 0, end, state)
 
     def follow(self, change: EditChange, state: State) -> None:
         """Follow an edit: copies join their parents, and what lies near it lingers."""

@@ -15,6 +15,7 @@ from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.inverted import add_turning_forces, list_inverted
 from tissue_sim.kernels.spring_laws import add_home_forces, largest_free, law_forces
+from tissue_sim.kernels.torsion import add_torsion_forces
 from tissue_sim.kernels.volume_forces import Volumes, add_volume_forces, volume_stiffness
 
 RESERVE = 2.0
@@ -60,7 +61,8 @@ class InternalForces:
         law: The springs' law.
         volume: Modulus of the tetrahedra [Pa].
         home: Stiffness of the springs to the rest positions [N/m^4].
-        linear: Whether springs are linear and nothing else is configured.
+        torsion: Torsion springs of a sheet; None: there are none.
+        linear: Whether springs are linear and there is nothing else.
         inverted: How many elements are known to be inside out.
     """
 
@@ -78,7 +80,13 @@ class InternalForces:
                 f"home_stiffness = {self.home:g} N/m^4 is not possible: the tissue has been cut, "
                 "and home forces would pull the cut shut; allowed: 0"
             )
-        self.linear = self.law.linear and not self.volume and not self.home
+        if self.volume and self.mesh.sheet is not None:
+            raise ValueError(
+                f"volume_stiffness = {self.volume:g} Pa is for tetrahedra, and {self.mesh.name} is "
+                "made of triangles; allowed: 0"
+            )
+        self.torsion = springs.torsion
+        self.linear = self.law.linear and not (self.volume or self.home or self.torsion)
         self._law = self.law.for_kernels(springs.dtype)
         numbers = (self.volume, RESERVE, 1.0, 1.0 / 6.0)
         self._volumes = Volumes(*(springs.dtype(number) for number in numbers))
@@ -104,6 +112,9 @@ class InternalForces:
             self._list, 0, mesh.tets, volumes, arrays.rest, self._turning, RAMP, u, F
         )
         largest_free(0, arrays, state.prescribed, F)
+        if self.torsion is not None:
+            # At rest it adds nothing.
+            add_torsion_forces(arrays, self.torsion.arrays, springs.tiny, np.zeros_like(u), F)
 
     @property
     def plain(self) -> bool:
@@ -138,6 +149,8 @@ class InternalForces:
             add_volume_forces(
                 mesh.element_rows, mesh.tets, mesh.element_alive, arrays.rest, self._volumes, u, F
             )
+        if self.torsion is not None:
+            add_torsion_forces(arrays, self.torsion.arrays, springs.tiny, u, F)
         if self.inverted:
             add_turning_forces(
                 self._list,
@@ -171,6 +184,8 @@ class InternalForces:
             sums = np.zeros(self.mesh.node_capacity)
             volume_stiffness(nodes, self.springs.elements, self.mesh.rest, sums)
             half += 0.5 * self.volume * RESERVE * sums[nodes]
+        if self.torsion is not None:
+            half += self.torsion.node_stiffness(nodes)
         if self.home:
             half += 0.5 * self._home_stiffness()[nodes]
         return half

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import State
+from tissue_sim.elastic.node_sweeps import sweep_with_momentum
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.kernels import orderings
-from tissue_sim.kernels.springs import sweep_nodes_with_momentum
 from tissue_sim.kernels.unflipping import unflip_nodes
 
 WIDEN_EVERY = 8
@@ -137,12 +137,9 @@ class Lingering:
         if self._joins and self._sweeps % WIDEN_EVERY == 0:
             self.choose(state, order, begin)
         begin, end = self._next_part()
-        moved = float(
-            sweep_nodes_with_momentum(
-                self.nodes, begin, end, self.springs.arrays, state.prescribed, step,
-                self._momentum, self.springs.tiny, state.displacement, self._last_move,
-            )
-        )  # fmt: skip
+        moved = sweep_with_momentum(
+            self.springs, self.nodes, begin, end, state, step, self._momentum, self._last_move
+        )
         self._farthest = max(self._farthest, moved)
         if end == self.count:
             moved, self._farthest = self._farthest, 0.0

@@ -53,9 +53,7 @@ class TorsionSprings:
         self.arrays = self._arrays(mesh.node_capacity, np.stack(doubled, axis=1), dtype)
 
     @classmethod
-    def of(
-        cls, mesh: Mesh, material: Material, dtype: type[np.floating]
-    ) -> TorsionSprings | None:
+    def of(cls, mesh: Mesh, material: Material, dtype: type[np.floating]) -> TorsionSprings | None:
         """The torsion springs of a mesh; None where there are none."""
         if mesh.sheet is None or not mesh.sheet.stiffness.torsion:
             return None
@@ -98,9 +96,7 @@ class TorsionSprings:
         """Half a bound of the row sums of their tangent stiffness [N/m], shape (len(nodes),)."""
         slopes = np.linalg.norm(self.gradients(), axis=2)
         rows = self.stiffness[:, None] * slopes * slopes.sum(axis=1)[:, None]
-        sums = np.bincount(
-            self.nodes.ravel(), weights=rows.ravel(), minlength=len(self.last_move)
-        )
+        sums = np.bincount(self.nodes.ravel(), weights=rows.ravel(), minlength=len(self.last_move))
         return np.asarray(0.5 * RESERVE * sums[nodes])
 
 

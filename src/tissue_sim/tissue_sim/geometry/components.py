@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from tissue_sim.geometry.mesh import Mesh
 
 
 @njit(cache=True, nogil=True)
@@ -70,3 +75,15 @@ def connected_components(
     labels = np.empty(node_count, dtype=np.int32)
     count = _label(np.ascontiguousarray(items, dtype=np.int32), alive, parent, labels)
     return int(count), labels
+
+
+def parts_of(mesh: Mesh) -> int:
+    """Number of connected parts of a mesh: of its elements, or of a sheet's edges and springs."""
+    if mesh.sheet is None:
+        rows = mesh.element_rows
+        items, alive = mesh.tets[:rows], mesh.element_alive[:rows]
+    else:
+        sides = mesh.sheet.triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+        items = np.concatenate([sides, mesh.sheet.springs])
+        alive = np.ones(len(items), dtype=np.bool_)
+    return connected_components(items, alive, mesh.node_rows)[0]

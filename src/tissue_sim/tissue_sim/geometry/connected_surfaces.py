@@ -90,9 +90,9 @@ def _refuse_lost(found: Opposite) -> None:
     lost = int((found.triangle < 0).sum())
     if lost > _MOST_LOST * len(found.triangle):
         raise MeshError(
-            f"{lost} of {len(found.triangle)} nodes see no opposite side: connected surfaces need a "
-            "closed surface around the tissue, with normals outward; for an open one the geometry "
-            "kind is surface"
+            f"{lost} of {len(found.triangle)} nodes see no opposite side: connected surfaces need "
+            "a closed surface around the tissue, with normals outward; for an open one choose "
+            "geometry_kind surface"
         )
 
 
@@ -138,4 +138,4 @@ def connect(
     free = ~np.isin(keys, edge_keys(sides(triangles)))
     keys, place = np.unique(keys[free], return_inverse=True)
     volumes = np.bincount(place.ravel(), weights=shares[free], minlength=len(keys))
-    return Connections(edges_of_keys(keys), volumes)
+    return Connections(edges_of_keys(keys), volumes.astype(np.float64))

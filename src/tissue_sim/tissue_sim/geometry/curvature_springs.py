@@ -32,9 +32,7 @@ def hinges(triangles: NDArray[np.integer]) -> NDArray[np.int32]:
     counts = np.diff(np.concatenate([starts, [len(ordered)]]))
     first = order[starts[counts == 2]]
     second = order[starts[counts == 2] + 1]
-    found = np.concatenate(
-        [directed[first], opposite[first, None], opposite[second, None]], axis=1
-    )
+    found = np.concatenate([directed[first], opposite[first, None], opposite[second, None]], axis=1)
     return found[found[:, 2] != found[:, 3]].astype(np.int32)
 
 

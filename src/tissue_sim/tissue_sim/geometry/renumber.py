@@ -27,9 +27,9 @@ def renumber(raw: RawMesh) -> RawMesh:
     File ids, regions, fibres and node sets follow. The same mesh always gets the same order.
     """
     count = len(raw.points)
-    pairs = raw.tetrahedra[:, _EDGES].reshape(-1, 2)
-    if not len(raw.tetrahedra):
-        pairs = sides(raw.triangles)
+    pairs = sides(raw.triangles)
+    if len(raw.tetrahedra):
+        pairs = raw.tetrahedra[:, _EDGES].reshape(-1, 2)
     ones = np.ones(len(pairs), dtype=np.int8)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
     old_of_new = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True).astype(np.int64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +40,11 @@ class SheetStiffness:
         Raises:
             ValueError: A number is out of range.
         """
-        for field, value in zip(fields(self), astuple(self), strict=True):
-            low = 0.0 if field.name in ("bending", "angular", "torsion") else 1e-6
+        for one, value in zip(fields(self), astuple(self), strict=True):
+            low = 0.0 if one.name in ("bending", "angular", "torsion") else 1e-6
             if not low <= value <= LARGEST_FACTOR:
                 raise ValueError(
-                    f"surface.{field.name} = {value:g} is out of range; "
+                    f"stiffness.{one.name} = {value:g} is out of range; "
                     f"allowed: {low:g} to {LARGEST_FACTOR:g}"
                 )
         return self
@@ -68,7 +68,7 @@ class Sheet:
     springs: NDArray[np.int32]
     categories: NDArray[np.uint8]
     volumes: NDArray[np.float64]
-    stiffness: SheetStiffness = SheetStiffness()
+    stiffness: SheetStiffness = field(default_factory=SheetStiffness)
 
     def count(self, category: int) -> int:
         """Number of springs of a category other than `SURFACE`."""
@@ -137,7 +137,8 @@ def per_node(
     triangles: NDArray[np.integer], values: NDArray[np.float64], nodes: int
 ) -> NDArray[np.float64]:
     """Sum at each node of the values of the triangles there, shape (nodes,)."""
-    return np.bincount(triangles.ravel(), weights=np.repeat(values, 3), minlength=nodes)
+    sums = np.bincount(triangles.ravel(), weights=np.repeat(values, 3), minlength=nodes)
+    return sums.astype(np.float64)
 
 
 def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class SheetSettings:
 
     kind: str
     thickness: float = 0.0
-    stiffness: SheetStiffness = SheetStiffness()
+    stiffness: SheetStiffness = field(default_factory=SheetStiffness)
 
     def checked(self) -> SheetSettings:
         """These settings, if they are allowed.
@@ -68,7 +68,7 @@ class SheetSettings:
             raise ValueError(f"{self.kind!r} has no triangles; allowed: {SURFACE}, {CONNECTED}")
         if self.thickness and not 1e-6 <= self.thickness <= THICKEST:
             raise ValueError(
-                f"surface.thickness = {self.thickness:g} m is out of range; "
+                f"surface_thickness = {self.thickness:g} m is out of range; "
                 f"allowed: 0, or 1e-06 to {THICKEST:g} m"
             )
         self.stiffness.checked()
@@ -136,7 +136,8 @@ def with_sheet(raw: RawMesh, settings: SheetSettings, said: list[str]) -> RawMes
         springs.append((ANGULAR, *angular_springs(raw.points, triangles, thickness)))
     sheet = _sheet(triangles, thickness, springs, settings.stiffness)
     said += _curvature_said(sheet)
-    return replace(raw, triangles=triangles.astype(np.int64), sheet=checked_sheet(sheet, raw.points))
+    sheet = checked_sheet(sheet, raw.points)
+    return replace(raw, triangles=triangles.astype(np.int64), sheet=sheet)
 
 
 def _connect(
@@ -149,7 +150,8 @@ def _connect(
     """Add the connecting springs; thickness of the triangles."""
     areas = triangle_areas(raw.points, triangles)
     opposite = opposite_side(raw.points, triangles)
-    volume = float((raw.points[triangles[:, 0]] * triangle_normals(raw.points, triangles)).sum()) / 6
+    normals = triangle_normals(raw.points, triangles)
+    volume = float((raw.points[triangles[:, 0]] * normals).sum()) / 6.0
     columns = column_thickness(triangles, opposite.depth, areas, volume)
     shares = per_node(triangles, areas * columns / 3.0, len(raw.points))
     ends, volumes = connect(triangles, opposite, shares)

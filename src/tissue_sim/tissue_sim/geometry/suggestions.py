@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.surface import boundary_triangles, vertex_normals
+from tissue_sim.geometry.surface import surface_triangles, vertex_normals
 
 _PULL = 0.15
 _WANTED_NODES = 60
@@ -44,10 +44,9 @@ class Interaction:
 
 def suggest_interaction(mesh: Mesh) -> Interaction:
     """Find where to grab, pull and cut."""
-    tets = mesh.tets[: mesh.element_rows]
     points = mesh.rest[: mesh.node_rows]
     alive = mesh.node_alive[: mesh.node_rows]
-    triangles, _ = boundary_triangles(tets, mesh.element_alive[: mesh.element_rows], len(points))
+    triangles = surface_triangles(mesh)
     normals = np.zeros_like(points)
     vertex_normals(points, triangles, normals)
     size = float(np.ptp(points[alive], axis=0).max())
