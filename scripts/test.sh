@@ -1,7 +1,8 @@
 #!/bin/bash
 # Lint, format, types and tests against install/; pytest comes last and runs in any case.
 # The status is pytest's, or 1 where the tests passed and something before them did not.
-# Arguments go to pytest.
+# Arguments go to pytest. Without any, tests within one process run on two cores, those of several
+# processes alone after them.
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . scripts/env.sh
@@ -12,8 +13,14 @@ export FASTDDS_BUILTIN_TRANSPORTS=${FASTDDS_BUILTIN_TRANSPORTS:-UDPv4}
 
 lint=0
 bash scripts/lint.sh || lint=1
-python -P -m pytest "$@"
-status=$?
+if [ $# -gt 0 ]; then
+  python -P -m pytest "$@"
+  status=$?
+else
+  python -P -m pytest -n 2 --dist loadfile test/unit test/physics
+  status=$?
+  python -P -m pytest test/system || status=$?
+fi
 if [ $lint -ne 0 ]; then
   echo "Lint, format or types failed: see above the tests." >&2
 fi
