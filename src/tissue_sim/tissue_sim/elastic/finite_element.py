@@ -60,7 +60,7 @@ class FiniteElement(MeshModel):
     name: ClassVar[str] = "finite_element"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
-            "tolerance", 2e-4, 1e-12, 0.1, "",
+            "tolerance", 1e-4, 1e-12, 0.1, "",
             "residual force in free nodes over the force on prescribed nodes that counts as solved",
         ),
         Parameter("rest_tolerance", 1e-8, 1e-14, 1e-3, "m", "motion that counts as none"),
