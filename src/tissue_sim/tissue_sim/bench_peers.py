@@ -139,17 +139,25 @@ def _lines(result: dict[str, Any]) -> list[list[str]]:
 
 def _line(row: dict[str, Any]) -> list[str]:
     settings = ", ".join(f"{name} {_number(value)}" for name, value in row["settings"].items())
-    arrived, step = row["arrived_ms"], row["step_ms"]
+    arrived = row["arrived_ms"]
     return [
         row["geometry"],
         row["simulator"],
         settings or "defaults",
-        f"never: ends at {row['error']:.0%}" if arrived is None else f"{arrived:.3g}",
+        f"{arrived:,.3g}" if arrived is not None else _never(row),
         f"{row['steps']:,}",
-        f"{step:.3g}" if step < 1e3 else f"{step:,.0f}",
+        f"{row['step_ms']:.3g}",
         f"{row['error']:.1%}",
         f"{row['largest']:.1%}",
     ]
+
+
+def _never(row: dict[str, Any]) -> str:
+    if row["end"] == "lost":
+        return "never: lost"
+    if row["end"] == "at rest":
+        return f"never: rests at {row['error']:.0%}"
+    return f"not in {1e-3 * row['steps'] * row['step_ms']:.0f} s: at {row['error']:.0%}"
 
 
 def _number(value: float | str) -> str:

@@ -18,9 +18,18 @@ TARGET = 0.05
 LOST = 1e3
 """Error at which a run is given up."""
 
+AT_REST = 1e-9
+"""Tissue that moved by less than this in 500 steps [m] is at rest."""
+
 REPEATS = 5
 FINALISTS = 3
-"""Settings that are run more than once."""
+"""Most settings that are run more than once."""
+
+CLOSE, SOON = 1.5, 1000.0
+"""Finalists are within this factor of the best, where the best arrives within so many ms."""
+
+PATIENCE = 3.0
+"""A setting is given up after this many times the time of the best before it."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,8 @@ class Run:
         arrived_ms: Time until the error stayed below the target [ms]; None: never.
         steps: Steps until then, or all.
         step_ms: Time of one of these [ms].
-        error: Error at the end; nan: lost.
+        end: Why the run ended: "arrived", "at rest", "time" or "lost".
+        error: Error at the end; lost: the largest known.
         largest: Largest distance of a free node at the end over the pull.
     """
 
@@ -59,6 +69,7 @@ class Run:
     arrived_ms: float | None
     steps: int
     step_ms: float
+    end: str
     error: float
     largest: float
 
@@ -66,7 +77,7 @@ class Run:
     def rank(self) -> tuple[float, float]:
         """Orders runs: what arrives sooner, then what ends nearer."""
         arrived = np.inf if self.arrived_ms is None else self.arrived_ms
-        return (arrived, np.inf if np.isnan(self.error) else self.error)
+        return (arrived, self.error)
 
 
 def measure(entry: Entry, task: Task, seconds: float) -> dict[str, Any]:
@@ -85,27 +96,37 @@ def measure(entry: Entry, task: Task, seconds: float) -> dict[str, Any]:
     tried: list[Run] = []
     for settings in entry.settings:
         best = min((run.arrived_ms for run in tried if run.arrived_ms is not None), default=np.inf)
-        tried.append(pulled(entry, task, settings, min(seconds, 2e-3 * best)))
+        tried.append(pulled(entry, task, settings, min(seconds, 1e-3 * PATIENCE * best)))
     ranked = sorted(tried, key=lambda run: run.rank)
-    candidates = [run for run in ranked[:FINALISTS] if run.arrived_ms is not None] or ranked[:1]
-    finals = [
-        sorted(
-            (pulled(entry, task, run.settings, seconds) for _ in range(REPEATS)),
-            key=lambda run: run.rank,
-        )
-        for run in candidates
-    ]
-    runs = min(finals, key=lambda runs: runs[REPEATS // 2].rank)
-    middle = runs[REPEATS // 2]
+    runs = min(
+        (_repeated(entry, task, run, seconds) for run in _finalists(ranked)),
+        key=lambda runs: runs[len(runs) // 2].rank,
+    )
     return {
         "geometry": task.geometry,
         "simulator": entry.label,
         "peer": bool(entry.package),
-        **asdict(middle),
+        **asdict(runs[len(runs) // 2]),
         "step_ms": statistics.median(run.step_ms for run in runs),
         "arrived_ms_of_runs": [run.arrived_ms for run in runs],
         "tried": [asdict(run) for run in tried],
     }
+
+
+def _finalists(ranked: list[Run]) -> list[Run]:
+    best = ranked[0].arrived_ms
+    if best is None or best > SOON:
+        return ranked[:1]
+    near = [run for run in ranked if run.arrived_ms is not None and run.arrived_ms < CLOSE * best]
+    return near[:FINALISTS]
+
+
+def _repeated(entry: Entry, task: Task, run: Run, seconds: float) -> list[Run]:
+    """Runs with the same settings in their order; what does not arrive is not repeated."""
+    if run.arrived_ms is None:
+        return [run]
+    again = (pulled(entry, task, run.settings, seconds) for _ in range(REPEATS))
+    return sorted(again, key=lambda run: run.rank)
 
 
 def pulled(entry: Entry, task: Task, settings: dict[str, Any], seconds: float) -> Run:
@@ -118,32 +139,33 @@ def pulled(entry: Entry, task: Task, settings: dict[str, Any], seconds: float) -
     simulator = entry.build(task, settings)
     simulator.step()
     simulator.pull()
-    elapsed, steps, arrived, error = 0.0, 0, None, 1.0
+    elapsed, steps, arrived, end, error = 0.0, 0, None, "", 1.0
     last = simulator.displacement().copy()
-    while True:
+    while not end:
         begin = time.perf_counter()
         simulator.step()
         elapsed += time.perf_counter() - begin
         steps += 1
-        error = task.error(simulator.displacement())
-        if not error < LOST:
-            error = np.nan
-            break
+        now = task.error(simulator.displacement())
+        error = now if now < LOST else LOST
         if error > TARGET:
             arrived = None
         elif arrived is None:
             arrived = (elapsed, steps)
-        stayed = arrived and elapsed >= 2 * arrived[0] and steps >= arrived[1] + 20
-        if stayed or (elapsed >= seconds and not arrived):
-            break
-        if steps % 500 == 0:
-            if np.abs(simulator.displacement() - last).max() < 1e-9:
-                break
+        if error == LOST:
+            end = "lost"
+        elif arrived and elapsed >= 2 * arrived[0] and steps >= arrived[1] + 20:
+            end = "arrived"
+        elif elapsed >= seconds and not arrived:
+            end = "time"
+        elif steps % 500 == 0:
+            if np.abs(simulator.displacement() - last).max() < AT_REST:
+                end = "arrived" if arrived else "at rest"
             last = simulator.displacement().copy()
-    largest = task.largest_error(simulator.displacement())
+    largest = min(task.largest_error(simulator.displacement()), LOST) if end != "lost" else LOST
     close = getattr(simulator, "close", None)
     if close is not None:
         close()
     until, count = arrived or (elapsed, steps)
     arrived_ms = 1e3 * until if arrived else None
-    return Run(settings, arrived_ms, count, 1e3 * until / count, error, largest)
+    return Run(settings, arrived_ms, count, 1e3 * until / count, end, error, largest)

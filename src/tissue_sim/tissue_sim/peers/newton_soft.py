@@ -14,15 +14,14 @@ FRAME = 1.0 / 60.0
 VBD_SETTINGS: tuple[dict[str, Any], ...] = tuple(
     {"time_step": time_step, "iterations": iterations}
     for time_step in (FRAME / 2, FRAME, 2 * FRAME)
-    for iterations in (1, 3, 10)
+    for iterations in (3, 10)
 )
 """Settings tried with vertex block descent: `time_step` [s] and `iterations` in each."""
 
 XPBD_SETTINGS: tuple[dict[str, Any], ...] = tuple(
     {"time_step": time_step, "iterations": iterations, "soft_body_relaxation": relaxation}
     for time_step, iterations, relaxation in (
-        (FRAME, 2, 0.9), (FRAME, 10, 0.3), (FRAME, 5, 0.1), (FRAME, 5, 0.05), (FRAME, 2, 0.05),
-        (1e-3, 5, 0.1), (1e-3, 2, 0.2), (3e-4, 2, 0.3), (1e-4, 1, 0.9), (1e-4, 1, 0.3),
+        (FRAME, 2, 0.9), (FRAME, 5, 0.1), (1e-3, 5, 0.1), (3e-4, 2, 0.3), (1e-4, 1, 0.9),
     )
 )  # fmt: skip
 """Settings tried with XPBD: `time_step` [s], `iterations` in each, and share of a correction."""
@@ -42,7 +41,7 @@ class NewtonSoft:
         import newton
         import warp
 
-        warp.config.quiet = True
+        warp.config.log_level = warp.LOG_WARNING
         lam, mu = task.lame
         builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
         builder.add_soft_mesh(
