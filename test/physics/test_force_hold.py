@@ -167,6 +167,30 @@ def test_a_step_is_followed_with_damping_over_stiffness(tissue: np.ndarray) -> N
         assert np.abs(way - wanted).max() < 0.03 * np.linalg.norm(start - rest)
 
 
+def test_tissue_whose_answer_is_known_is_followed_with_one_step_a_frame(
+    tissue: np.ndarray,
+) -> None:
+    stiffness = 100.0
+    simulation = simulation_of(
+        "finite_element",
+        tool_of(
+            stiffness=stiffness, damping=0.0, angular_stiffness=STIFF, torque_limit=STIFF,
+            force_limit=1e3,
+        ),
+    )  # fmt: skip
+    frame_of(simulation, moved((0, 0, 0)), 1)
+    for move in np.eye(3):
+        frames(simulation, moved(4e-3 * move), 60)
+    tool = np.array([3e-3, 2e-3, -4e-3])
+    rest = np.linalg.solve(stiffness * np.eye(3) + tissue[:3, :3], stiffness * tool)
+    start = np.linalg.norm(way_of(patch_of(simulation))[:3] - rest)
+    sample = ToolSample("grasper", moved(tool), 1, True, 0)
+    for _ in range(3):
+        simulation.advance(FrameInputs(tools=(sample,)), Budget(steps=1))
+    # Without what was learned each step would go some 3 % of the way.
+    assert np.linalg.norm(way_of(patch_of(simulation))[:3] - rest) < 0.05 * start
+
+
 def wander(count: int, seed: int) -> list[np.ndarray]:
     """Poses that jump about within 4 mm and 0.2 rad."""
     random = np.random.default_rng(seed)

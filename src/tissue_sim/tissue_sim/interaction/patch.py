@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.coupling import Coupling
+from tissue_sim.interaction.patch_stiffness import LEAST_MOTION, LearnedStiffness
 from tissue_sim.kernels.patches import (
     PatchNumbers,
     fill_rotation,
@@ -37,6 +38,8 @@ class Patch:
     Newton step of backward Euler's equation in its six coordinates, the tissue left where it is.
     The stiffness for that is sensed by moving the held nodes a little. As it bounds the stiffness
     that remains when the tissue follows, no step overshoots, whatever K, B and the time step are.
+    Where the model says that the tissue has followed, the stiffness that remains is learned and
+    used instead: such steps are as long as they should be.
 
     Attributes:
         pose: Of the patch; the tool's at the grab, shape (7,).
@@ -51,12 +54,15 @@ class Patch:
         self._numbers = PatchNumbers(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._size = SMALLEST
         self._sensed, self._stiffness = np.zeros((6, 6)), np.zeros((6, 6))
-        self._wrench = np.zeros(6)
-        self._known, self._next = False, 0
+        self._wrench, self._motion = np.zeros(6), np.zeros(6)
+        self._followed = LearnedStiffness()
+        self._was_at_rest = self._known = False
+        self._next, self._moved_by = 0, 0.0
 
     def forget(self) -> None:
         """Sense the tissue's stiffness anew: nodes, tissue or model are no longer the same."""
-        self._known = False
+        self._known = self._was_at_rest = False
+        self._followed.forget()
 
     def remember(self) -> None:
         """Keep the pose, to go back to if the state is lost."""
@@ -128,7 +134,9 @@ class Patch:
         if np.isfinite(self._sensed).all():
             # What pushes away, such as a buckling spring, is no less stiff.
             values, vectors = np.linalg.eigh(self._sensed)
-            np.matmul(vectors * np.abs(values), vectors.T, out=self._stiffness)
+            values = np.abs(values)
+            np.matmul(vectors * values, vectors.T, out=self._stiffness)
+            self._followed.sense(values, vectors)
         else:
             self.forget()
 
@@ -151,6 +159,7 @@ class Patch:
         mesh: Mesh,
         rows: NDArray[np.int32],
         local: NDArray[np.float64],
+        alone: bool,
     ) -> None:
         """Move before a step of the model. Modifies the state of the held nodes in place.
 
@@ -161,17 +170,36 @@ class Patch:
             mesh: The mesh.
             rows: Rows of the held nodes, shape (n,).
             local: Their places in the patch's axes [m], shape (n, 3).
+            alone: Whether nothing else is held.
         """
-        self._wrench[:] = 0.0
+        stiffness = self._stiffness
         if self._known:
+            before = self._wrench.copy()
             forces = model.forces(state, rows)
             local_wrench(rows, forces, mesh.rest, state.displacement, self.pose, self._wrench)
             if not np.isfinite(self._wrench).all():
+                self.forget()
                 return
+            if self._learn(model, alone, before):
+                stiffness = self._followed.matrix
+        else:
+            self._wrench[:] = 0.0
         if model.time_step is not None:
             self._anchor[:] = self.pose
-        moved = move_patch(
-            self._numbers, self._wrench, self._stiffness, tool, self._anchor, self._size, self.pose
-        )
-        self.settled = moved < SETTLED
+        self._moved_by = move_patch(
+            self._numbers, self._wrench, stiffness, tool, self._anchor, self._size,
+            self.pose, self._motion,
+        )  # fmt: skip
+        self.settled = self._moved_by < SETTLED
         place_patch(rows, local, mesh.rest, self.pose, state.displacement)
+
+    def _learn(self, model: Model, alone: bool, before: NDArray[np.float64]) -> bool:
+        """Learn from the last motion; whether what is learned holds for the next one.
+
+        Another hold that moves would change the force as well. Dynamic models are never at rest.
+        """
+        at_rest = alone and model.time_step is None and model.idle
+        if at_rest and self._was_at_rest and self._moved_by >= LEAST_MOTION * self._size:
+            self._followed.learn(self._motion, self._wrench - before)
+        self._was_at_rest = at_rest
+        return at_rest

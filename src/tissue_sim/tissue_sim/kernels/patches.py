@@ -150,8 +150,9 @@ def move_patch(
     anchor: NDArray[np.float64],
     size: float,
     pose: NDArray[np.float64],
+    q: NDArray[np.float64],
 ) -> float:
-    """One Newton step of a patch. Modifies `pose` in place.
+    """One Newton step of a patch. Modifies `pose` and `q` in place.
 
     With q the patch's pose, t the tool's, a the anchor, f the tissue's force and S its stiffness:
 
@@ -167,6 +168,7 @@ def move_patch(
         anchor: Pose at the beginning of the time step, shape (7,).
         size: Radius of the patch [m].
         pose: Of the patch, shape (7,).
+        q: Written: the motion, in the patch's axes before it, shape (6,).
 
     Returns:
         How far it has moved, turns times `size` [m].
@@ -184,12 +186,12 @@ def move_patch(
         stiffness = numbers.force_limit / distance
     if angular * angle > numbers.torque_limit:
         angular = numbers.torque_limit / angle
-    A, q = tissue.copy(), wrench.copy()
+    A = tissue.copy()
     for k in range(3):
         away = R[0, k] * dx + R[1, k] * dy + R[2, k] * dz
         behind = R[0, k] * ax + R[1, k] * ay + R[2, k] * az
-        q[k] += stiffness * away + numbers.damping * behind
-        q[3 + k] += angular * turn[k] + numbers.angular_damping * back[k]
+        q[k] = wrench[k] + stiffness * away + numbers.damping * behind
+        q[3 + k] = wrench[3 + k] + angular * turn[k] + numbers.angular_damping * back[k]
         A[k, k] += stiffness + numbers.damping
         A[3 + k, 3 + k] += angular + numbers.angular_damping
     solve_positive(A, q)
