@@ -285,6 +285,10 @@ class Simulation:
         started = time.perf_counter()
         checked = self._checked.pop(id(plan), None)
         try:
+            if checked is None or checked.version != self.mesh.version:
+                checked = self.mesh.check(plan)
+            if why := self.model.refusal(checked.nodes):
+                raise EditError(f"model {self.model.name} refuses this edit: {why}")
             change = self.mesh.apply(plan, checked)
         except StaleEditError as error:
             return None, Answer(plan.request_id, False, str(error), "STALE")

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from tissue_sim.elastic.stiffness import Stiffness
+from tissue_sim.geometry.edit import EditChange
 
 MOST_NODES = 5000
 """Larger factors take gigabytes and minutes; see docs/finite_element.md."""
@@ -44,26 +45,15 @@ class DirectSolver:
         """
         mesh = stiffness.springs.mesh
         count = mesh.node_rows
-        if count > MOST_NODES:
-            raise ValueError(
-                f"direct = 1 is not possible with {count} nodes; allowed: up to {MOST_NODES}"
-            )
-        self._all = _matrix(stiffness, count)
+        refuse_loose(stiffness, "direct = 1")
+        matrix = rows_of(stiffness, np.arange(count))
+        # Blocks in single precision are symmetric but for rounding.
+        self._all = csr_matrix(0.5 * (matrix + matrix.T))
         unfixed = ~mesh.fixed[:count] & mesh.node_alive[:count]
-        loose = _loose(stiffness, mesh.fixed[:count], mesh.node_alive[:count])
-        if loose:
-            raise ValueError(
-                f"direct = 1 is not possible: {loose} nodes are in parts without a fixed node; "
-                "allowed: organs of which every part has fixed nodes"
-            )
-        self._unknown = np.flatnonzero(np.repeat(unfixed, 3))
+        self._unknown = dofs_of(np.flatnonzero(unfixed))
         self._place = np.full(3 * count, -1, dtype=np.int64)
         self._place[self._unknown] = np.arange(len(self._unknown))
-        K = self._all[self._unknown][:, self._unknown].tocsc()
-        self._factor = splu(
-            K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
+        self._factor = factorised(self._all[self._unknown][:, self._unknown])
         self.hold(np.empty(0, dtype=np.int32))
 
     @property
@@ -71,9 +61,19 @@ class DirectSolver:
         """Numbers that the factors hold."""
         return int(self._factor.nnz)
 
+    def follow(self, change: EditChange) -> str:
+        """Why there are no factors any more, after an edit."""
+        return (
+            "the factorised matrix is that of the organ before the cut; conjugate gradients go on"
+        )
+
+    def refusal(self, nodes: NDArray[np.int32]) -> str:
+        """Why an edit that changes the elements of these nodes is not possible: it always is."""
+        return ""
+
     def hold(self, held: NDArray[np.int32]) -> None:
         """Begin with the compliance of these nodes, none of them fixed."""
-        dofs = (3 * held.astype(np.int64)[:, None] + np.arange(3)).ravel()
+        dofs = dofs_of(held)
         self._held = self._place[dofs]
         self._compliance = np.empty((len(dofs), len(dofs)))
         self._columns = 0
@@ -112,36 +112,70 @@ class DirectSolver:
         return out
 
 
-def _matrix(stiffness: Stiffness, count: int) -> csr_matrix:
-    """The whole stiffness matrix of the rows in use [N/m]."""
-    rows = stiffness.rows
-    degree = rows.degree[:count].astype(np.int64)
-    first = np.repeat(rows.start[:count].astype(np.int64), degree)
-    places = first + np.arange(len(first)) - np.repeat(np.cumsum(degree) - degree, degree)
-    i = np.repeat(np.arange(count), degree)
-    j = rows.neighbour[places].astype(np.int64)
+def rows_of(stiffness: Stiffness, nodes: NDArray[np.integer]) -> csr_matrix:
+    """Rows of the stiffness matrix [N/m], shape (3 len(nodes), 3 node_rows)."""
+    rows, count = stiffness.rows, stiffness.springs.mesh.node_rows
+    i, places = _entries(stiffness, nodes)
     blocks = rows.blocks[places].astype(np.float64)
-    diagonal = np.zeros((count, 9))
+    diagonal = np.zeros((len(nodes), 9))
     np.add.at(diagonal, i, -blocks)
-    i, j = np.concatenate([i, np.arange(count)]), np.concatenate([j, np.arange(count)])
+    i = np.concatenate([i, np.arange(len(nodes))])
+    j = np.concatenate([rows.neighbour[places].astype(np.int64), nodes])
     blocks = np.concatenate([blocks, diagonal])
     inner = np.arange(9)
     at = 3 * i[:, None] + inner // 3, 3 * j[:, None] + inner % 3
-    shape = (3 * count, 3 * count)
-    matrix = csr_matrix((blocks.ravel(), (at[0].ravel(), at[1].ravel())), shape=shape)
-    # Blocks in single precision are symmetric but for rounding.
-    return csr_matrix(0.5 * (matrix + matrix.T))
+    shape = (3 * len(nodes), 3 * count)
+    return csr_matrix((blocks.ravel(), (at[0].ravel(), at[1].ravel())), shape=shape)
 
 
-def _loose(stiffness: Stiffness, fixed: NDArray[np.bool_], alive: NDArray[np.bool_]) -> int:
-    """Living nodes of parts that no fixed node holds."""
-    rows, count = stiffness.rows, len(fixed)
-    degree = rows.degree[:count].astype(np.int64)
-    first = np.repeat(rows.start[:count].astype(np.int64), degree)
+def _entries(
+    stiffness: Stiffness, nodes: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Place in `nodes`, and in the matrix's arrays, of every block in the nodes' rows."""
+    degree = stiffness.rows.degree[nodes].astype(np.int64)
+    first = np.repeat(stiffness.rows.start[nodes].astype(np.int64), degree)
     places = first + np.arange(len(first)) - np.repeat(np.cumsum(degree) - degree, degree)
-    i, j = np.repeat(np.arange(count), degree), rows.neighbour[places].astype(np.int64)
+    return np.repeat(np.arange(len(nodes)), degree), places
+
+
+def factorised(K: csr_matrix) -> SuperLU:
+    """Factors of a symmetric positive definite matrix."""
+    return splu(
+        K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )  # fmt: skip
+
+
+def dofs_of(nodes: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Rows of nodes' displacements in the matrix, shape (3 len(nodes),)."""
+    return (3 * nodes.astype(np.int64)[:, None] + np.arange(3)).ravel()
+
+
+def refuse_loose(stiffness: Stiffness, parameter: str) -> None:
+    """Refuse an organ that is too large, or of which a part has no fixed node.
+
+    Args:
+        stiffness: Of the organ.
+        parameter: What has asked for factors.
+
+    Raises:
+        ValueError: It is.
+    """
+    mesh = stiffness.springs.mesh
+    count = mesh.node_rows
+    if count > MOST_NODES:
+        raise ValueError(
+            f"{parameter} is not possible with {count} nodes; allowed: up to {MOST_NODES}"
+        )
+    i, places = _entries(stiffness, np.arange(count))
+    j = stiffness.rows.neighbour[places].astype(np.int64)
     graph = csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
     _, part = connected_components(graph, directed=False)
     held = np.zeros(part.max(initial=-1) + 1, dtype=np.bool_)
-    held[part[fixed]] = True
-    return int((alive & ~held[part]).sum())
+    held[part[mesh.fixed[:count]]] = True
+    loose = int((mesh.node_alive[:count] & ~held[part]).sum())
+    if loose:
+        raise ValueError(
+            f"{parameter} is not possible: {loose} nodes are in parts without a fixed node; "
+            "allowed: organs of which every part has fixed nodes"
+        )

@@ -14,6 +14,7 @@ from tissue_sim.elastic.corotated import Corotated
 from tissue_sim.elastic.direct_solver import DirectSolver
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, Parameter, State
+from tissue_sim.elastic.region_solver import RegionSolver
 from tissue_sim.elastic.responses import Responses
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.stiffness import Stiffness
@@ -77,6 +78,14 @@ class FiniteElement(MeshModel):
             "1: the matrix is factorised beforehand; only until the first cut",
             integer=True,
         ),
+        Parameter(
+            "interest_radius", 0.0, 0.0, 10.0, "m",
+            "of the region of interest; outside of it all is precomputed and nothing can be cut; "
+            "0: none",
+        ),
+        Parameter("interest_x", 0.0, -10.0, 10.0, "m", "its centre at rest"),
+        Parameter("interest_y", 0.0, -10.0, 10.0, "m", "its centre at rest"),
+        Parameter("interest_z", 0.0, -10.0, 10.0, "m", "its centre at rest"),
     )  # fmt: skip
 
     def __init__(
@@ -88,13 +97,9 @@ class FiniteElement(MeshModel):
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
         self.corotated: Corotated | None = None
-        self._direct: DirectSolver | None = None
+        self._direct: DirectSolver | RegionSolver | None = None
+        self._refuse_combinations()
         if self.values["corotated"]:
-            if self.values["direct"]:
-                raise ValueError(
-                    "direct = 1 and corotated = 1: the matrix of turned elements changes all the "
-                    "time; allowed: one of them"
-                )
             self.corotated = Corotated(
                 self.springs, self.values["tolerance"], self.values["rest_tolerance"]
             )
@@ -110,6 +115,19 @@ class FiniteElement(MeshModel):
         self._corrected = self._waits = self._foresees = self._guessed = False
         if self.values["direct"]:
             self._direct = DirectSolver(self.stiffness)
+        elif self.values["interest_radius"]:
+            centre = np.array([self.values[f"interest_{axis}"] for axis in "xyz"])
+            self._direct = RegionSolver(self.stiffness, centre, self.values["interest_radius"])
+
+    def _refuse_combinations(self) -> None:
+        wanted = ("corotated", "direct", "interest_radius")
+        given = [name for name in wanted if self.values[name]]
+        if len(given) > 1:
+            raise ValueError(
+                f"{given[0]} and {given[1]} do not go together: the matrix of turned elements "
+                "changes all the time, and a region of interest is factorised by itself; allowed: "
+                "one of them"
+            )
 
     @property
     def idle(self) -> bool:
@@ -147,7 +165,7 @@ class FiniteElement(MeshModel):
             if self._solved(lane, state):
                 self._finish(lane)
 
-    def _solve_directly(self, direct: DirectSolver) -> None:
+    def _solve_directly(self, direct: DirectSolver | RegionSolver) -> None:
         """Solve one motion, or correct the shape."""
         lane = int(np.flatnonzero(self._solver.active)[0])
         x = self._solver.x[:, :, lane]
@@ -277,6 +295,10 @@ class FiniteElement(MeshModel):
             add_difference(nodes, 0, rows, state.prescribed, before, after, state.displacement)
         self._guessed = known
 
+    def refusal(self, nodes: NDArray[np.int32]) -> str:
+        """A region of interest refuses what changes the outside of it; see `Model`."""
+        return self._direct.refusal(nodes) if self._direct is not None else ""
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit; what was known is where further solutions start from."""
         self.springs.follow(change)
@@ -284,12 +306,9 @@ class FiniteElement(MeshModel):
             self.corotated.follow(change, state)
             return
         self.stiffness.follow(change)
-        if self._direct is not None:
+        if self._direct is not None and (why := self._direct.follow(change)):
             self._direct = None
-            self.events.append(
-                "finite_element: the factorised matrix is that of the organ before the cut; "
-                "conjugate gradients go on"
-            )
+            self.events.append(f"finite_element: {why}")
         self._solver.follow(change.copied_nodes, change.copy_parents)
         if self.mesh.node_capacity > len(self._all):
             self._all = np.arange(self.mesh.node_capacity, dtype=np.int32)

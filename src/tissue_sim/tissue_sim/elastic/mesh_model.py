@@ -89,6 +89,10 @@ class MeshModel(ABC):
         """Free nodes will probably move by after - before; see `Model`."""
         raise NotImplementedError(f"model {self.name} takes no guess")
 
+    def refusal(self, nodes: NDArray[np.int32]) -> str:
+        """Why an edit is not possible; see `Model`. A model that follows all of them says so."""
+        return ""
+
     @abstractmethod
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; see `Model`."""
