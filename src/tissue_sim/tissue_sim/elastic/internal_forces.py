@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Parameter, State
+from tissue_sim.elastic.sliced_springs import SlicedSprings
 from tissue_sim.elastic.spring_laws import PARAMETERS as LAW_PARAMETERS
 from tissue_sim.elastic.spring_laws import spring_law
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.inverted import add_turning_forces, list_inverted
-from tissue_sim.kernels.spring_laws import add_home_forces, largest_free, law_forces
+from tissue_sim.kernels.slices import slice_forces
+from tissue_sim.kernels.spring_laws import add_home_forces, largest_free
 from tissue_sim.kernels.torsion import add_torsion_forces
 from tissue_sim.kernels.volume_forces import Volumes, add_volume_forces, volume_stiffness
 
@@ -93,6 +95,7 @@ class InternalForces:
         turning = values["turning_pressure"] * springs.material.young_modulus
         self._turns, self._turning = turning > 0.0, springs.dtype(turning / 6.0)
         self.inverted = self._part = 0
+        self._sliced = SlicedSprings(springs)
         self._list = np.zeros(self.mesh.element_capacity, dtype=np.int32)
         self._listed = np.zeros(self.mesh.element_capacity, dtype=np.bool_)
         self._home = np.zeros(0, dtype=springs.dtype)
@@ -107,7 +110,10 @@ class InternalForces:
             0, 0, mesh.tets, mesh.element_alive, volumes, arrays.rest, u, self._listed, self._list,
             0,
         )  # fmt: skip
-        law_forces(0, arrays, self._law, springs.tiny, u, F)
+        sliced = self._sliced
+        slice_forces(
+            0, 0, sliced.slices, sliced.places, self._law, self.law.linear, springs.tiny, u, F
+        )
         add_turning_forces(
             self._list, 0, mesh.tets, volumes, arrays.rest, self._turning, RAMP, u, F
         )
@@ -144,7 +150,11 @@ class InternalForces:
         """Forces on all nodes [N], held ones as well. Writes `F`, shape (node_capacity, 3)."""
         springs, mesh = self.springs, self.mesh
         arrays = springs.arrays
-        law_forces(mesh.node_rows, arrays, self._law, springs.tiny, u, F)
+        sliced = self._sliced
+        slice_forces(
+            mesh.node_rows, sliced.count, sliced.slices, sliced.places, self._law,
+            self.law.linear, springs.tiny, u, F,
+        )  # fmt: skip
         if self.volume:
             add_volume_forces(
                 mesh.element_rows, mesh.tets, mesh.element_alive, arrays.rest, self._volumes, u, F
@@ -196,6 +206,7 @@ class InternalForces:
         Returns:
             What people should know; empty if nothing.
         """
+        self._sliced.follow(change.nodes)
         extra = self.mesh.element_capacity - len(self._list)
         if extra > 0:
             self._list = np.concatenate([self._list, np.zeros(extra, dtype=np.int32)])

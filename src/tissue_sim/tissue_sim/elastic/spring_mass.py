@@ -22,7 +22,7 @@ from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.integrators import Nodes, verlet_move
-from tissue_sim.kernels.springs import largest_force, verlet_step
+from tissue_sim.kernels.springs import largest_force
 
 FRAME = 1.0 / 60.0
 """The time step chosen by default divides this [s]."""
@@ -154,14 +154,7 @@ class SpringMass(SpringModel):
     def step(self, state: State) -> None:
         """One time step. Modifies the state in place."""
         self.internal.look(state.displacement)
-        springs, rows = self.springs, self.mesh.node_rows
-        if self.internal.plain and self._integrator == VERLET:
-            verlet_step(
-                rows, springs.arrays, state.prescribed, self._scale, self._keep,
-                self._sticks, springs.tiny, state.displacement, state.previous,
-            )  # fmt: skip
-            return
-        nodes = self._nodes(state, rows)
+        nodes = self._nodes(state, self.mesh.node_rows)
         if self._runge_kutta:
             self._runge_kutta.step(nodes, state, self._forces)
             return

@@ -9,6 +9,7 @@ from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import REMOVED, SpringChange, SpringNetwork
 from tissue_sim.kernels.orderings import UNREACHED
 from tissue_sim.kernels.relaxation import (
+    APART,
     REMOVED_LENGTH,
     SpringList,
     Turns,
@@ -118,7 +119,7 @@ class _Listing:
             )  # fmt: skip
             if begin < end:
                 most = int(springs.arrays.degree[nodes.nodes[begin]])
-                self._make_room((most + 1) * LANES)
+                self._make_room(APART * (most + 1) * LANES)
 
     def follow(self, change: SpringChange) -> None:
         """Change, bury and append springs."""

@@ -7,6 +7,8 @@ steps, the equation of motion is
     u' = p,    p' = A(u) - d p.
 
 Prescribed nodes and nodes without springs stay and have p = 0.
+
+Tuples are taken apart before a loop: in it every part would be counted in and out again.
 """
 
 from __future__ import annotations
@@ -56,11 +58,6 @@ class Stages(NamedTuple):
     sum_p: NDArray[np.floating]
 
 
-@njit(inline="always", error_model="numpy")
-def _stays(nodes, i):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    return nodes.prescribed[i] or nodes.degree[i] == 0
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin_stages(
     nodes: Nodes,
@@ -74,19 +71,22 @@ def begin_stages(
     `previous` says where nodes come from; `p` is the same to more digits as long as nobody else has
     written `u` or `previous`. No fastmath: the comparison is of bits.
     """
-    for i in range(nodes.rows):
-        stays = _stays(nodes, i)
+    rows, degree, prescribed, _, _, tiny = nodes
+    stage_u, stage_p, sum_u, sum_p = stages
+    none = tiny - tiny
+    for i in range(rows):
+        stays = prescribed[i] or degree[i] == 0
         known = True
         for axis in range(3):
             known &= u[i, axis] - p[i, axis] == previous[i, axis]
         for axis in range(3):
             if stays:
-                p[i, axis] = nodes.tiny - nodes.tiny
+                p[i, axis] = none
             elif not known:
                 p[i, axis] = u[i, axis] - previous[i, axis]
-            stages.u[i, axis] = u[i, axis]
-            stages.p[i, axis] = p[i, axis]
-            stages.sum_u[i, axis] = stages.sum_p[i, axis] = nodes.tiny - nodes.tiny
+            stage_u[i, axis] = u[i, axis]
+            stage_p[i, axis] = p[i, axis]
+            sum_u[i, axis] = sum_p[i, axis] = none
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -103,16 +103,18 @@ def add_stage(
 
     Modifies `stages` in place.
     """
-    for i in range(nodes.rows):
-        if _stays(nodes, i):
+    rows, degree, prescribed, scale, damping, _ = nodes
+    stage_u, stage_p, sum_u, sum_p = stages
+    for i in range(rows):
+        if prescribed[i] or degree[i] == 0:
             continue
         for axis in range(3):
-            slope_u = stages.p[i, axis]
-            slope_p = nodes.scale[i] * F[i, axis] - nodes.damping * slope_u
-            stages.sum_u[i, axis] += weight * slope_u
-            stages.sum_p[i, axis] += weight * slope_p
-            stages.u[i, axis] = u[i, axis] + ahead * slope_u
-            stages.p[i, axis] = p[i, axis] + ahead * slope_p
+            slope_u = stage_p[i, axis]
+            slope_p = scale[i] * F[i, axis] - damping * slope_u
+            sum_u[i, axis] += weight * slope_u
+            sum_p[i, axis] += weight * slope_p
+            stage_u[i, axis] = u[i, axis] + ahead * slope_u
+            stage_p[i, axis] = p[i, axis] + ahead * slope_p
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -127,13 +129,14 @@ def end_stages(
 
     Below 1e-15 m displacements and moves become 0: denormal numbers are slow.
     """
-    none = nodes.tiny - nodes.tiny
+    tiny, (_, _, sum_u, sum_p) = nodes.tiny, stages
+    none = tiny - tiny
     for i in range(nodes.rows):
         for axis in range(3):
-            move = p[i, axis] + stages.sum_p[i, axis]
-            place = u[i, axis] + stages.sum_u[i, axis]
-            p[i, axis] = move if move * move > nodes.tiny else none
-            u[i, axis] = place if place * place > nodes.tiny else none
+            move = p[i, axis] + sum_p[i, axis]
+            place = u[i, axis] + sum_u[i, axis]
+            p[i, axis] = move if move * move > tiny else none
+            u[i, axis] = place if place * place > tiny else none
             previous[i, axis] = u[i, axis] - p[i, axis]
 
 
@@ -145,20 +148,23 @@ def verlet_move(
     u: NDArray[np.floating],
     previous: NDArray[np.floating],
 ) -> None:
-    """The step of `kernels.springs.verlet_step` for forces computed before.
+    """One Verlet step u(t+h) = u + (1 - d) (u - u(t-h)) + h^2 F/m.
 
-    Modifies `u` and `previous` in place.
+    Modifies `u` and `previous` in place. A node that moves, without forces, by less than the share
+    `sticks` of its displacement stops: rounding would keep the last bit of its velocity for ever.
+    Below 1e-15 m displacements become 0: the front of a wave would fill with denormal numbers,
+    which are slow.
     """
-    none = nodes.tiny - nodes.tiny
-    for i in range(nodes.rows):
-        stays = _stays(nodes, i)
-        for axis in range(3):
-            now, move = u[i, axis], none
-            if not stays:
-                move = (now - previous[i, axis]) - nodes.damping * (now - previous[i, axis])
-                if abs(move) < sticks * abs(now):
-                    move = none
-                move += nodes.scale[i] * F[i, axis]
-            following = now + move
+    rows, degree, prescribed, scale, damping, tiny = nodes
+    none = tiny - tiny
+    keep = none + np.float32(1.0) - damping
+    for i in range(rows):
+        weight, stays = scale[i], prescribed[i] | (degree[i] == 0)
+        for axis in range(3):  # Without a branch: how a node moves is hard to foresee.
+            now = u[i, axis]
+            move = keep * (now - previous[i, axis])
+            move = none if abs(move) < sticks * abs(now) else move
+            following = now + (move + weight * F[i, axis])
+            following = following if following * following > tiny else none
             previous[i, axis] = now
-            u[i, axis] = following if following * following > nodes.tiny else none
+            u[i, axis] = now if stays else following

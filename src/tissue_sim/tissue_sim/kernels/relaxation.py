@@ -69,11 +69,12 @@ class Turns(NamedTuple):
 @njit(inline="always")
 def _begin_group(begin, nobody, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Fill a group with tombstones."""
+    first, second, edge, length = out
     for slot in range(begin, begin + LANES):
-        out.first[slot] = out.second[slot] = nobody
-        out.length[slot] = REMOVED_LENGTH
+        first[slot] = second[slot] = nobody
+        length[slot] = REMOVED_LENGTH
     for at in range(3 * begin, 3 * (begin + LANES)):
-        out.edge[at] = 0
+        edge[at] = 0
 
 
 @njit(inline="always")
@@ -88,12 +89,11 @@ def _with_room(group, begun, free):  # type: ignore[no-untyped-def] # noqa: ANN0
 
 
 @njit(inline="always")
-def _write(slot, i, j, length, rest, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    out.first[slot], out.second[slot], out.length[slot] = i, j, length
+def _write_edge(slot, i, j, rest, edge):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     lane = slot % LANES
     at = 3 * (slot - lane) + lane
     for axis in range(3):
-        out.edge[at + LANES * axis] = rest[j, axis] - rest[i, axis]
+        edge[at + LANES * axis] = rest[j, axis] - rest[i, axis]
 
 
 @njit(cache=True, nogil=True)
@@ -118,27 +118,31 @@ def list_springs(
     Returns:
         The place in `nodes` to go on with, and the length of the list.
     """
-    nobody = len(turns.ready) - 1
+    ready, filled, free = turns
+    first, second, edge, length = out
+    rest, start, degree, neighbour, _, rest_length = springs
+    nobody = len(ready) - 1
     begun = used // LANES
     for place in range(begin, end):
         i = nodes[place]
-        if (begun + springs.degree[i] + 1) * LANES > len(out.length):
+        if (begun + APART * (np.int64(degree[i]) + 1)) * LANES > len(length):
             return place, begun * LANES
-        for entry in range(springs.start[i], springs.start[i] + springs.degree[i]):
-            j = springs.neighbour[entry]
+        for entry in range(start[i], start[i] + degree[i]):
+            j = neighbour[entry]
             if 0 <= rank[j] < place:
                 continue
-            group = _with_room(max(turns.ready[i], turns.ready[j]), begun, turns.free)
+            group = _with_room(max(ready[i], ready[j]), begun, free)
             while begun <= group:
                 _begin_group(begun * LANES, nobody, out)
-                turns.filled[begun], turns.free[begun] = 0, begun
+                filled[begun], free[begun] = 0, begun
                 begun += 1
-            slot = group * LANES + turns.filled[group]
-            turns.filled[group] += 1
-            if turns.filled[group] == LANES:
-                turns.free[group] = group + 1
-            turns.ready[i] = turns.ready[j] = group + APART
-            _write(slot, i, j, springs.length[entry], springs.rest, out)
+            slot = group * LANES + filled[group]
+            filled[group] += 1
+            if filled[group] == LANES:
+                free[group] = group + 1
+            ready[i] = ready[j] = group + APART
+            first[slot], second[slot], length[slot] = i, j, rest_length[entry]
+            _write_edge(slot, i, j, rest, edge)
             place_of[spring_of[entry]] = slot
     return end, begun * LANES
 
@@ -198,7 +202,8 @@ def relist(
                 used += LANES
             place_of[spring] = place
             out.first[place], out.second[place] = ends[spring, 0], ends[spring, 1]
-        _write(place, out.first[place], out.second[place], lengths[spring], rest, out)
+        out.length[place] = lengths[spring]
+        _write_edge(place, out.first[place], out.second[place], rest, out.edge)
     return used
 
 

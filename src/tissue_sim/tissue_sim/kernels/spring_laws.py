@@ -33,50 +33,6 @@ class Law(NamedTuple):
     slope_below: np.floating
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def _secant(law, e):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """f(e) / e."""
-    if e > law.above:
-        return (law.force_above + law.slope_above * (e - law.above)) / e
-    if e < law.below:
-        return (law.force_below + law.slope_below * (e - law.below)) / e
-    return law.one + e * (law.quadratic + law.cubic * e)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def law_forces(
-    rows: int,
-    springs: SpringArrays,
-    law: Law,
-    tiny: np.floating,
-    u: NDArray[np.floating],
-    F: NDArray[np.floating],
-) -> None:
-    """Forces of the springs on nodes [0, rows) [N]. Writes `F`, shape (node_capacity, 3).
-
-    As in `kernels.springs`, lengths are not subtracted from each other: l - l0 = q / (l + l0).
-    """
-    rest, start, degree, neighbour, stiffness, length = springs
-    for i in range(rows):
-        X0, X1, X2 = rest[i, 0], rest[i, 1], rest[i, 2]
-        u0, u1, u2 = u[i, 0], u[i, 1], u[i, 2]
-        F0 = F1 = F2 = tiny - tiny
-        begin = start[i]
-        for spring in range(begin, begin + degree[i]):
-            j = neighbour[spring]
-            w0, w1, w2 = u[j, 0] - u0, u[j, 1] - u1, u[j, 2] - u2
-            D0, D1, D2 = rest[j, 0] - X0, rest[j, 1] - X1, rest[j, 2] - X2
-            e0, e1, e2 = D0 + w0, D1 + w1, D2 + w2
-            q = (D0 + e0) * w0 + (D1 + e1) * w1 + (D2 + e2) * w2
-            length_now = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
-            longer = q / (length_now + length[spring])
-            pull = stiffness[spring] * longer * _secant(law, longer / length[spring]) / length_now
-            F0 += pull * e0
-            F1 += pull * e1
-            F2 += pull * e2
-        F[i, 0], F[i, 1], F[i, 2] = F0, F1, F2
-
-
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def add_home_forces(
     rows: int,

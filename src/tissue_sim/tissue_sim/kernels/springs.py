@@ -1,4 +1,4 @@
-"""Loops over springs: node sweeps, time steps and forces.
+"""Loops over springs: node sweeps and forces.
 
 Symbols: X rest position [m], u displacement [m], D = X_j - X_i, w = u_j - u_i, e = D + w the
 present edge, l = |e| its length, l0 = |D|, k stiffness [N/m]. Lengths are never subtracted from
@@ -208,52 +208,3 @@ def largest_force(
             largest = max(largest, squared)
             largest_step = max(largest_step, squared / (K * K))
     return largest, largest_step
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def verlet_step(
-    rows: int,
-    springs: SpringArrays,
-    prescribed: NDArray[np.bool_],
-    acceleration_scale: NDArray[np.floating],
-    keep: np.floating,
-    sticks: np.floating,
-    tiny: np.floating,
-    u: NDArray[np.floating],
-    previous: NDArray[np.floating],
-) -> None:
-    """One Verlet step u(t+h) = u + keep (u - u(t-h)) + h^2 F/m, keep = 1 - d.
-
-    Modifies `u` and `previous` in place.
-
-    Args:
-        rows: Nodes [0, rows) take part.
-        springs: Springs by node.
-        prescribed: Nodes that do not move; they get no velocity either.
-        acceleration_scale: h^2 / m per node [m/N], shape (node_capacity,); 0 for nodes without
-            mass.
-        keep: 1 - d.
-        sticks: A damped node whose move is a smaller share of its displacement stops: rounding
-            would keep the last bit of its velocity for ever.
-        tiny: `TINY` in the precision of `u`.
-        u: Displacements [m].
-        previous: Displacements one step earlier [m].
-    """
-    for i in range(rows):
-        if prescribed[i] or springs.degree[i] == 0:
-            previous[i, 0], previous[i, 1], previous[i, 2] = u[i, 0], u[i, 1], u[i, 2]
-            continue
-        F0, F1, F2, _, _ = _pull(i, springs, u, tiny)
-        scale = acceleration_scale[i]
-        for axis, F in enumerate((F0, F1, F2)):
-            move = keep * (u[i, axis] - previous[i, axis])
-            if abs(move) < sticks * abs(u[i, axis]):
-                move = tiny - tiny
-            previous[i, axis] = u[i, axis] + move + scale * F
-    # Everything above has read the present `u`; now `previous` holds the next. Displacements below
-    # 1e-15 m become 0: the front of a wave would fill with denormal numbers, which are slow.
-    for i in range(rows):
-        for axis in range(3):
-            following = previous[i, axis]
-            previous[i, axis] = u[i, axis]
-            u[i, axis] = following if following * following > tiny else tiny - tiny
