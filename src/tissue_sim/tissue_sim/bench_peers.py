@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import sys
 from collections.abc import Callable
@@ -96,11 +96,8 @@ def run_peers(
 
 def missing_line(entry: Entry) -> str:
     """How to install what an entry needs, or "" where it is installed."""
-    if entry.package:
-        try:
-            importlib.import_module(entry.package)
-        except ImportError:
-            return f"not installed: {INSTALL}"
+    if entry.package and importlib.util.find_spec(entry.package) is None:
+        return f"not installed: {INSTALL}"
     return ""
 
 

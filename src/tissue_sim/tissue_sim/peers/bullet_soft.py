@@ -36,7 +36,8 @@ class BulletSoft:
         Raises:
             ImportError: PyBullet is not installed.
         """
-        import pybullet
+        with _no_output():
+            import pybullet
 
         self._bullet, self._task = pybullet, task
         lam, mu = task.lame

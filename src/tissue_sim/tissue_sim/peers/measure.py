@@ -57,9 +57,10 @@ class Run:
 
     Attributes:
         settings: Of the simulator.
-        arrived_ms: Time until the error stayed below the target [ms]; None: never.
+        arrived_ms: Processor time until the error stayed below the target [ms]; None: never.
+        wall_ms: Time on the clock until then, or of all steps [ms].
         steps: Steps until then, or all.
-        step_ms: Time of one of these [ms].
+        step_ms: Processor time of one of these [ms].
         end: Why the run ended: "arrived", "at rest", "time" or "lost".
         error: Error at the end; lost: the largest known.
         largest: Largest distance of a free node at the end over the pull.
@@ -67,6 +68,7 @@ class Run:
 
     settings: dict[str, Any]
     arrived_ms: float | None
+    wall_ms: float
     steps: int
     step_ms: float
     end: str
@@ -132,29 +134,30 @@ def _repeated(entry: Entry, task: Task, run: Run, seconds: float) -> list[Run]:
 def pulled(entry: Entry, task: Task, settings: dict[str, Any], seconds: float) -> Run:
     """Pull once, from rest.
 
-    The clock runs during steps only. The run ends when it has been within the target for as long
-    again as it took to arrive and for 20 steps, when nothing moves any more, when it is lost, or
-    when the time is over.
+    Processor time of all threads counts, which others on the machine do not lengthen, and that of
+    steps only. The run ends when it has been within the target for as long again as it took to
+    arrive and for 20 steps, when nothing moves any more, when it is lost, or when the time is over.
     """
     simulator = entry.build(task, settings)
     simulator.step()
     simulator.pull()
-    elapsed, steps, arrived, end, error = 0.0, 0, None, "", 1.0
+    elapsed, wall, steps, arrived, end, error = 0.0, 0.0, 0, None, "", 1.0
     last = simulator.displacement().copy()
     while not end:
-        begin = time.perf_counter()
+        at, begin = time.perf_counter(), time.process_time()
         simulator.step()
-        elapsed += time.perf_counter() - begin
+        elapsed += time.process_time() - begin
+        wall += time.perf_counter() - at
         steps += 1
         now = task.error(simulator.displacement())
         error = now if now < LOST else LOST
         if error > TARGET:
             arrived = None
         elif arrived is None:
-            arrived = (elapsed, steps)
+            arrived = (elapsed, wall, steps)
         if error == LOST:
             end = "lost"
-        elif arrived and elapsed >= 2 * arrived[0] and steps >= arrived[1] + 20:
+        elif arrived and elapsed >= 2 * arrived[0] and steps >= arrived[2] + 20:
             end = "arrived"
         elif elapsed >= seconds and not arrived:
             end = "time"
@@ -166,6 +169,8 @@ def pulled(entry: Entry, task: Task, settings: dict[str, Any], seconds: float) -
     close = getattr(simulator, "close", None)
     if close is not None:
         close()
-    until, count = arrived or (elapsed, steps)
-    arrived_ms = 1e3 * until if arrived else None
-    return Run(settings, arrived_ms, count, 1e3 * until / count, end, error, largest)
+    until, wall, count = arrived or (elapsed, wall, steps)
+    return Run(
+        settings, 1e3 * until if arrived else None, 1e3 * wall, count, 1e3 * until / count, end,
+        error, largest,
+    )  # fmt: skip
