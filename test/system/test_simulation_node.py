@@ -308,11 +308,20 @@ def test_services_do_what_they_say(tmp_path: Path) -> None:
         forceps = Tool(id="forceps", kind="grab", shape="sphere")
         forceps.size.append(0.01)
         forceps.pose.orientation.w = 1.0
+        forceps.hold, forceps.stiffness, forceps.force_limit = Tool.FORCE, 70.0, 3.0
         assert peer.call(SetTool, "tissue/set_tool", tool=forceps).success
+        listed = peer.first(
+            "tissue/tools", lambda tools: any(t.hold == "force" for t in tools.tools)
+        )
+        (shown,) = (tool for tool in listed.tools if tool.id == "forceps")
+        assert (shown.stiffness, shown.damping, shown.force_limit) == (70.0, 5.0, 3.0)
         peer.place("forceps", CORNER)
         tool_state(peer, "active", "")
         assert peer.call(RemoveTool, "tissue/remove_tool", tool="forceps").success
-        forceps.kind = "saw"
+        forceps.stiffness = -1.0
+        wrong = peer.call(SetTool, "tissue/set_tool", tool=forceps)
+        assert (wrong.error_code, "stiffness = -1 is out of range" in wrong.message) == (1, True)
+        forceps.stiffness, forceps.kind = 70.0, "saw"
         wrong = peer.call(SetTool, "tissue/set_tool", tool=forceps)
         assert (wrong.error_code, "grab, cut" in wrong.message) == (1, True)
         other = peer.call(SetModel, "tissue/set_model", model="spring_mass")
