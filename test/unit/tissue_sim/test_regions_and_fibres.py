@@ -23,6 +23,7 @@ from tissue_sim.geometry.shapes import block
 from tissue_sim.journal import replay
 from tissue_sim.parameters import ParameterError, refuse_unknown
 from tissue_sim.scene import Scene
+from tissue_sim.scene_file import read_scene
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, specs
 
@@ -143,6 +144,15 @@ def test_a_scene_file_names_regions_and_their_materials() -> None:
         ),
     )  # fmt: skip
     assert region_key("old", "label:12") == "12"
+
+
+def test_the_scene_of_the_documentation_is_one(tmp_path: Path) -> None:
+    page = Path(__file__).resolve().parents[3] / "docs" / "materials.md"
+    file = tmp_path / "scene.yaml"
+    file.write_text(page.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0])
+    read = settings(dict(read_scene(file).simulation))
+    assert [part.region for part in read.scene.material.regions] == ["aorta", "left atrium", "scar"]
+    assert [part.fibre_stiffness for part in read.scene.material.regions] == [0.0, 2e4, 2e4]
 
 
 @pytest.mark.parametrize(
