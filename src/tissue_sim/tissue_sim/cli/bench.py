@@ -20,6 +20,10 @@ def bench(
     peers: Annotated[
         bool, typer.Option(help="Instead: MuJoCo, newton and PyBullet on the same tissue.")
     ] = False,
+    acceleration: Annotated[
+        bool,
+        typer.Option(help="Instead: momentum, Chebyshev's method and predictors; some minutes."),
+    ] = False,
 ) -> None:
     """Steps a second of every model, next to what the machine's memory allows.
 
@@ -29,6 +33,9 @@ def bench(
         from tissue_sim.loop_study import run_study
 
         run_study(out.parent / "loop", loop)
+        return
+    if acceleration:
+        _compare_accelerations(out.with_name("acceleration.json"))
         return
     if growth:
         from tissue_sim.bench_growth import print_growth, run_growth
@@ -49,3 +56,19 @@ def bench(
 
     print_table(run_bench(out, seconds))
     typer.echo(f"written to {out}")
+
+
+def _compare_accelerations(out: Path) -> None:
+    """Write the study's figures, and its curves beside them."""
+    from tissue_sim import acceleration_study, prediction_study
+    from viz_bridge.error_curves import draw_curves
+
+    result = acceleration_study.run(out, say=typer.echo)
+    for table in (
+        acceleration_study.as_markdown,
+        prediction_study.frames_as_markdown,
+        prediction_study.responses_as_markdown,
+    ):
+        typer.echo(table(result))
+    draw_curves(result, out.with_suffix(".png"))
+    typer.echo(f"written to {out} and {out.with_suffix('.png')}")
