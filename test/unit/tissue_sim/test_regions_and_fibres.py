@@ -9,9 +9,11 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from support.split_edit import split_at
 from tissue_sim import snapshot
+from tissue_sim.cli.mesh import app
 from tissue_sim.elastic.model import Material, RegionMaterial
 from tissue_sim.frame import Budget, FrameInputs
 from tissue_sim.geometry.fibres import FibreError, fibres_of
@@ -51,14 +53,26 @@ def test_vectors_and_regions_of_a_vtu_file_reach_their_elements(tmp_path: Path) 
     file = tmp_path / "organ.vtu"
     cells.write(file)
     mesh = load(file, "m", fixed="low:z:0.1", fibres="cell:f").mesh
+    assert_circles_in_halves(mesh)
+    with pytest.raises(FibreError, match="organ has no cell vectors 'g'; its vectors: f"):
+        load(file, "m", fibres="cell:g")
+    told = CliRunner().invoke(app, ["info", str(file), "--units", "m"])
+    assert "vectors of cells: f" in told.output
+    again = tmp_path / "again.vtu"
+    told = CliRunner().invoke(app, ["convert", str(file), str(again), "--units", "m"])
+    assert told.exit_code == 0, told.output
+    other = load(again, "mm", fixed="low:z:0.1", fibres="cell:f").mesh
+    assert_circles_in_halves(other)
+
+
+def assert_circles_in_halves(mesh: Mesh) -> None:
+    """Fibres go round the middle, and the upper half is region 8, the lower one 7."""
     rows = mesh.element_rows
     centres = mesh.rest[mesh.tets[:rows]].mean(axis=1)
     wanted = np.cross([0.0, 0.0, 1.0], centres - SIZE / 2)
     wanted /= np.linalg.norm(wanted, axis=1)[:, None]
     np.testing.assert_allclose(mesh.fibres[:rows], wanted, atol=1e-6)
-    assert ((mesh.regions[:rows] == 8) == (centres[:, 2] > SIZE / 2)).all()
-    with pytest.raises(FibreError, match="organ has no cell vectors 'g'; its vectors: f"):
-        load(file, "m", fibres="cell:g")
+    np.testing.assert_array_equal(mesh.regions[:rows], 7 + (centres[:, 2] > SIZE / 2))
 
 
 def test_scene_shapes_paint_regions_and_later_ones_win() -> None:

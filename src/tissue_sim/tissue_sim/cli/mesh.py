@@ -27,7 +27,7 @@ METRES = {"mm": 1e-3, "m": 1.0}
 
 @app.command()
 def info(file: File, units: Units = "") -> None:
-    """What a mesh file holds: size, quality, parts, node sets and regions."""
+    """What a mesh file holds: size, quality, parts, node sets, regions and vectors of its cells."""
     raw = load_file(file, units)
     for line in inspect(raw).lines():
         console.print(line, markup=False)
@@ -36,6 +36,8 @@ def info(file: File, units: Units = "") -> None:
     sets = ", ".join(f"{name} ({len(nodes)})" for name, nodes in sorted(raw.node_sets.items()))
     console.print(f"node sets: {sets or 'none'}", markup=False)
     console.print(f"regions: {_regions(raw)}", markup=False)
+    vectors = ", ".join(sorted(raw.element_vectors)) or "none"
+    console.print(f"vectors of cells: {vectors}", markup=False)
 
 
 @app.command()
@@ -86,15 +88,19 @@ def convert(
 def _write(mesh: RawMesh, target: Path, metres: float) -> None:
     import meshio
 
+    data: dict[str, list[np.ndarray]] = {}
     surface_only = target.suffix.lower() in (".stl", ".ply", ".obj")
     if surface_only or not len(mesh.tetrahedra):
         cells = [("triangle", _surface(mesh))]
     else:
         cells = [("tetra", mesh.tetrahedra)]
+        if target.suffix.lower() in (".vtu", ".vtk"):
+            data = {name: [vectors] for name, vectors in mesh.element_vectors.items()}
+            data |= {"region": [mesh.regions]} if len(mesh.regions) else {}
     target.parent.mkdir(parents=True, exist_ok=True)
     # gmsh's newer format wants entities that a plain mesh does not have.
     options = {"file_format": "gmsh22"} if target.suffix.lower() == ".msh" else {}
-    meshio.Mesh(mesh.points / metres, cells).write(target, **options)
+    meshio.Mesh(mesh.points / metres, cells, cell_data=data).write(target, **options)
 
 
 def _surface(mesh: RawMesh) -> np.ndarray:
