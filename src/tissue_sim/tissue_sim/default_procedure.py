@@ -12,7 +12,7 @@ import yaml
 from tissue_sim.geometry.suggestions import Interaction
 
 TOOL = "grasper"
-SHORTEST_SECONDS = 1.5
+SHORTEST_SECONDS = 0.5
 SLACK = 0.5
 """Seconds of the run before the procedure begins and after it ends."""
 

@@ -11,6 +11,8 @@ from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet import SheetStiffness
+from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, surface_of, with_sheet
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.scene import Scene
@@ -20,20 +22,29 @@ CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1))
 TOOL = ToolSpec("rehearsal", size=(0.002,))
 
 
-def rehearse() -> None:
+def rehearse(sheet: bool = False) -> None:
     """Grab, pull, split and release two tetrahedra with every model.
+
+    For tissue made of triangles, grab, pull and release a tetrahedron's surface as well.
 
     Kernels are compiled, or loaded from the cache, at their first call: tens of milliseconds each.
     """
     for name in registry.names():
         _rehearse(Scene(model=name, tools=(TOOL,)))
     _rehearse(Scene(tools=(replace(TOOL, hold=FORCE),)))
+    for name in registry.names() if sheet else ():
+        if not registry.MODELS[name].needs_tetrahedra:
+            _rehearse(Scene(model=name, tools=(TOOL,)), sheet=True)
 
 
-def _rehearse(scene: Scene) -> None:
+def _rehearse(scene: Scene, sheet: bool = False) -> None:
     tets = np.array([[0, 1, 2, 3], [1, 4, 2, 3]])
     corners = 0.01 * np.array(CORNERS, dtype=np.float64)
-    mesh = Mesh(RawMesh(corners, tets), np.array([True, False, False, False, False]))
+    raw = RawMesh(corners, tets)
+    if sheet:
+        torsion = SheetSettings(SURFACE, stiffness=SheetStiffness(torsion=1.0))
+        raw = with_sheet(surface_of(raw), torsion, [])
+    mesh = Mesh(raw, np.array([True, False, False, False, False]))
     simulation = Simulation(mesh, scene)
     budget = Budget(steps=3)
     at = np.array([*corners[4], 0.0, 0.0, 0.0, 1.0])
@@ -41,7 +52,8 @@ def _rehearse(scene: Scene) -> None:
     moved = replace(pressed, pose=at + 0.001 * np.eye(7)[0], edge=0)
     simulation.advance(FrameInputs(tools=(pressed,)), budget)
     simulation.advance(FrameInputs(tools=(moved,)), budget)
-    simulation.advance(FrameInputs(edits=(_split(),), tools=(moved,)), budget)
+    edits = () if sheet else (_split(),)
+    simulation.advance(FrameInputs(edits=edits, tools=(moved,)), budget)
     simulation.advance(FrameInputs(tools=(replace(moved, use=False, edge=-1),)), budget)
     grab = Command("grab", {"tool": TOOL.id, "radius": 0.002})
     simulation.advance(FrameInputs(commands=(grab,)), budget)

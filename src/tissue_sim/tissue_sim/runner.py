@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import time
 from dataclasses import dataclass
@@ -35,6 +36,9 @@ HEADLESS_SECONDS = 10.0
 
 SLOWEST = 0.02
 """Share of real time below which a run of some frames is given up."""
+
+SCRIPT_ENDS_WITHIN = 5.0
+"""Longest wait for a script that has played all of its procedure to end [s]."""
 
 console = Console(highlight=False, soft_wrap=True)
 
@@ -207,7 +211,11 @@ def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
 def _script_problems(launcher: Launcher) -> list[str]:
     """What a script did wrong that has ended by itself; requests it reports itself are left out."""
     script = launcher.processes.get(SCRIPT)
-    if script is None or script.exit_code == 0:
+    if script is None:
+        return []
+    with contextlib.suppress(LaunchError):
+        launcher.wait_for_end(SCRIPT, SCRIPT_ENDS_WITHIN)
+    if script.exit_code == 0:
         return []
     if script.exit_code is None:
         return ["the run ended before the procedure was over"]

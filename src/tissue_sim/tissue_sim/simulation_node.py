@@ -118,7 +118,7 @@ class SimulationNode(Node):
         )
         for line in geometry.report.mended:
             self.get_logger().info(line)
-        rehearse()
+        rehearse(sheet=geometry.mesh.sheet is not None)
         seed = values["seed"]
         epoch = hashlib.blake2b(str(seed).encode(), digest_size=16).digest() if seed else None
         simulation = Simulation(geometry.mesh, self._settings.scene, epoch)
