@@ -6,7 +6,15 @@ import json
 import statistics
 from pathlib import Path
 
-from tissue_sim import bench, bench_growth, loop_study, model_study, release_study
+from tissue_sim import (
+    acceleration_study,
+    bench,
+    bench_growth,
+    loop_study,
+    model_study,
+    prediction_study,
+    release_study,
+)
 from tissue_sim.elastic import registry
 from tissue_sim.loop_study import WITH, LoopRow, as_markdown
 from tissue_sim.release_study import MODELS, RADII
@@ -89,3 +97,48 @@ def test_the_models_pulled_the_same_way_are_shown_as_they_came_out(repository: P
         assert abs(shape.row.mean_difference_mm - then.mean_difference_mm) < 0.02
         assert abs(shape.row.largest_difference_mm - then.largest_difference_mm) < 0.1
         assert shape.row.inverted == then.inverted
+
+
+def test_accelerations_and_predictors_are_shown_as_they_came_out(repository: Path) -> None:
+    file = repository / "docs/results/acceleration.json"
+    result = json.loads(file.read_text(encoding="utf-8"))
+    page = (repository / "docs/acceleration.md").read_text(encoding="utf-8")
+    assert acceleration_study.as_markdown(result) in page
+    assert prediction_study.frames_as_markdown(result) in page
+    assert prediction_study.responses_as_markdown(result) in page
+    assert (repository / "docs/pictures/acceleration.png").is_file()
+    sweeps = {
+        (row["geometry"], row["model"], json.dumps(row["parameters"])): row["errors"]
+        for row in result["sweeps"]
+    }
+    assert set(sweeps) == {
+        (g, m, json.dumps(v))
+        for g in acceleration_study.GEOMETRIES
+        for m in acceleration_study.MODELS
+        for v in acceleration_study.VARIANTS
+    }
+    # What the page says, and is: momentum before Chebyshev's method before neither.
+    for geometry, best in (("wall", 0.95), ("heart", 0.97)):
+        for model in acceleration_study.MODELS:
+            last = {
+                key[2]: errors[-1] for key, errors in sweeps.items() if key[:2] == (geometry, model)
+            }
+            momentum = last.pop(json.dumps({"momentum": best}))
+            chebyshev = min(value for key, value in last.items() if "chebyshev" in key)
+            assert 10 * momentum < chebyshev < last["{}"]
+    frames = {
+        (row["geometry"], row["model"], row["steps"], row["predictor"], row["predictor_steps"]): row
+        for row in result["frames"]
+    }
+    for steps in prediction_study.STEPS["heart"]:
+        case = ("heart", "vertex_block_descent", steps)
+        assert frames[*case, "finite_element", 1]["moving"] < 0.15 * frames[*case, "", 0]["moving"]
+    # Spot checks: errors depend on nothing but the code.
+    organ = acceleration_study.Organ.of("wall")
+    for parameters in ({"momentum": 0.95}, {"chebyshev": 0.95}):
+        again = acceleration_study.accelerated(organ, "quasi_static", parameters, sweeps=30)
+        then = sweeps["wall", "quasi_static", json.dumps(parameters)][29]
+        assert abs(again.errors[-1] - then) < 0.03 * then
+    now = prediction_study.pulled(organ, "vertex_block_descent", 2, "finite_element", 1)
+    moving = frames["wall", "vertex_block_descent", 2, "finite_element", 1]["moving"]
+    assert abs(now.moving - moving) < 0.1 * moving
