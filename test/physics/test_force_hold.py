@@ -38,11 +38,15 @@ def tool_of(tool: str = "grasper", hold: str = FORCE, at: Any = TOP, **coupling:
     ).checked()
 
 
-def simulation_of(model: str, *tools: ToolSpec, rate_hz: float = 60.0) -> Simulation:
-    """A block of 6 cm, fixed where z is 0."""
+def simulation_of(
+    model: str, *tools: ToolSpec, rate_hz: float = 60.0, side: int = 2, **parameters: float
+) -> Simulation:
+    """A block of 6 cm, fixed where the coordinate of a side is 0."""
     raw = block(4, 4, 4)
-    scene = Scene(model=model, tools=tools or (tool_of(),), rate_hz=rate_hz)
-    return Simulation(Mesh(raw, raw.points[:, 2] < 1e-9), scene)
+    scene = Scene(
+        model=model, parameters={model: parameters}, tools=tools or (tool_of(),), rate_hz=rate_hz
+    )
+    return Simulation(Mesh(raw, raw.points[:, side] < 1e-9), scene)
 
 
 def frame_of(
@@ -221,6 +225,49 @@ def test_nothing_grows_at_125_poses_a_second(model: str, stiffness: float, dampi
     frames(simulation, last, 10)
     if stiffness > 1.0 or damping == 0.0 or simulation.model.has_forces:
         assert np.abs(patch_of(simulation).pose - before).max() < 2e-4
+    assert simulation.lost_states == 0
+
+
+@pytest.mark.parametrize(
+    ("model", "parameters"),
+    [
+        ("finite_element", {"corotated": 1}),
+        ("finite_element", {"direct": 1}),
+        ("vertex_block_descent", {"dynamic": 1}),
+        ("spring_mass", {"integrator": 1, "damping": 0.1}),
+        ("spring_mass", {"integrator": 3}),
+        ("spring_mass", {"damping": 0.0}),
+    ],
+)
+def test_nothing_grows_in_the_models_variants(model: str, parameters: dict[str, float]) -> None:
+    tool = tool_of(
+        stiffness=1e3, damping=0.0, angular_stiffness=0.1, angular_damping=0.0, force_limit=1e5,
+        torque_limit=1e3,
+    )  # fmt: skip
+    simulation = simulation_of(model, tool, rate_hz=125.0, **parameters)
+    frame_of(simulation, moved((0, 0, 0)), 1)
+    for pose in [*wander(30, seed=3), *[moved((2e-3, 1e-3, 3e-3))] * 60]:
+        frame_of(simulation, pose)
+        assert np.linalg.norm(way_of(patch_of(simulation))[:3]) < 0.008
+    assert simulation.lost_states == 0
+
+
+@pytest.mark.parametrize("model", ALL)
+def test_a_part_cut_free_goes_where_the_spring_pulls_it(model: str) -> None:
+    start = np.array([0.05, 0.03, 0.06])
+    simulation = simulation_of(model, tool_of(at=start), side=0)
+    frame_of(simulation, moved((0, 0, 0), start=start), 1)
+    for _ in range(8):
+        frame_of(simulation, moved((0, 0, 5e-3), start=start))
+    edit = split_edit(simulation.mesh, 0.02)
+    assert frame_of(simulation, moved((0, 0, 5e-3), start=start), edits=(edit,)).edits
+    for number in range(1, 121):
+        lift = 5e-3 + 1e-3 * min(number, 20)
+        frame = frame_of(simulation, moved((0, 0, lift), start=start))
+    np.testing.assert_allclose(way_of(patch_of(simulation), start)[:3], [0, 0, 0.025], atol=3e-4)
+    # Springs alone have not turned the part back quite.
+    assert np.abs(frame.wrenches.get("grasper", np.zeros(6))).max() < 0.1
+    assert np.abs(simulation.state.displacement).max() < 0.03
     assert simulation.lost_states == 0
 
 
