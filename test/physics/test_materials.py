@@ -18,13 +18,17 @@ from tissue_sim.elastic.model import Material, RegionMaterial, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
+from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.fibres import fibres_of
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.regions import paint
 from tissue_sim.geometry.shapes import block
+from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.kernels.mixed_matter import mixed_response
 from tissue_sim.kernels.vertex_descent import gather
+from tissue_sim.scene import Scene
+from tissue_sim.simulation import Simulation
 
 SIZE = 0.06
 SOFT, SCAR = (5e4, 0.45), (2e5, 0.2)
@@ -371,6 +375,40 @@ def test_descent_recovers_with_fibres_from_a_collapse() -> None:
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
     solved(model, state, 3000)
     assert np.abs(state.displacement[:rows]).max() < 1e-3 * SIZE
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("vertex_block_descent", {}), ("finite_element", {"corotated": 1.0})]
+)
+def test_stiff_fibres_come_back_from_a_drag_through_the_organ(
+    name: str, values: dict[str, float]
+) -> None:
+    """Down through the fixed bottom at 1 m/s, fibres and regions of up to hundred times E."""
+    mesh = organ(6)
+    scar = RegionMaterial("scar", 1e6, 0.3, 1060.0, 5e6)
+    material = Material(5e4, 0.45, 1060.0, 1e6, (scar,))
+    pose = np.array([SIZE / 2, SIZE / 2, SIZE, 0.0, 0.0, 0.0, 1.0])
+    tool = ToolSpec("grasper", "grab", "sphere", (0.014,), tuple(pose.tolist()))
+    simulation = Simulation(
+        mesh, Scene(name, parameters={name: values}, material=material, tools=(tool,))
+    )
+    budget, lost = Budget(steps=10), 0
+
+    def command(kind: str) -> FrameInputs:
+        return FrameInputs(commands=(Command(kind, {"tool": "grasper"}),))
+
+    simulation.advance(command("grab"), budget)
+    for _ in range(7):
+        pose = pose - np.array([0.0, 0.0, 1.0 / 60.0, 0.0, 0.0, 0.0, 0.0])
+        frame = simulation.advance(FrameInputs(tools=(ToolSample("grasper", pose),)), budget)
+        lost += bool(frame.lost)
+    rows = mesh.node_rows
+    assert np.abs(simulation.state.displacement[:rows]).max() > 0.1
+    simulation.advance(command("release"), budget)
+    for _ in range(300):
+        lost += bool(simulation.advance(FrameInputs(), budget).lost)
+    assert lost == 0
+    assert np.abs(simulation.state.displacement[:rows]).max() < 0.05 * 7.0 / 60.0
 
 
 @pytest.mark.parametrize(
