@@ -161,7 +161,7 @@ class FiniteElement(MeshModel):
             return
         self._solver.iterate(state.prescribed)
         self._show(state)
-        for lane in np.flatnonzero(self._solver.active):
+        for lane in np.flatnonzero(self._solver.active).tolist():
             if self._solved(lane, state):
                 self._finish(lane)
 
