@@ -25,7 +25,9 @@ from support.workspace import (
 # From the name in an import to its rosdep key; None where rosdep knows none and a comment in
 # package.xml says what to install instead.
 ROSDEP_KEYS = {
+    "llvmlite": None,
     "lz4": None,
+    "matplotlib": "python3-matplotlib",
     "meshio": "python3-meshio",
     "mujoco": None,
     "newton": None,
