@@ -239,7 +239,7 @@ def test_nothing_grows_at_125_poses_a_second(model: str, stiffness: float, dampi
         ("spring_mass", {"damping": 0.0}),
     ],
 )
-def test_nothing_grows_in_the_models_variants(model: str, parameters: dict[str, float]) -> None:
+def test_nothing_grows_in_the_models_variants(model: str, parameters: dict[str, Any]) -> None:
     tool = tool_of(
         stiffness=1e3, damping=0.0, angular_stiffness=0.1, angular_damping=0.0, force_limit=1e5,
         torque_limit=1e3,
