@@ -159,16 +159,17 @@ def study(
         springs = SpringNetwork(pull.mesh, Material())
         reference = None
         for variant in variants:
-            displacement, steps, at_rest = _pulled(variant, pull, springs)
+            displacement, steps, at_rest = pulled(variant, pull, springs)
             if reference is None:
                 reference = displacement
             row = _judge(variant, pull, displacement, reference, steps, at_rest)
             yield Shape(pull, row, displacement)
 
 
-def _pulled(
+def pulled(
     variant: Variant, pull: Pull, springs: SpringNetwork
 ) -> tuple[NDArray[np.float64], int, bool]:
+    """Displacement after a pull [m], shape (node_rows, 3), steps done, and whether it rests."""
     mesh, held = pull.mesh, pull.held
     model = registry.MODELS[variant.model](
         mesh,

@@ -18,15 +18,26 @@ def pictures(
     geometry: Annotated[
         list[str] | None, typer.Option(help="What to pull; default: wall and heart.")
     ] = None,
+    surfaces: Annotated[
+        bool,
+        typer.Option(
+            "--surfaces", help="Tetrahedra, connected surfaces and a surface instead of the models."
+        ),
+    ] = False,
 ) -> None:
     """Every model on the wall and the heart, pulled the same way: pictures and figures.
 
     Takes some minutes, most of them for the heart.
     """
     from viz_bridge.model_pictures import draw_models
+    from viz_bridge.surface_pictures import draw_surfaces
 
-    drawn = draw_models(out, results, tuple(geometry or ("wall", "heart")), _say)
-    typer.echo(f"figures {results}")
+    chosen = tuple(geometry or ("wall", "heart"))
+    if surfaces:
+        drawn = draw_surfaces(out, chosen, _say)
+    else:
+        drawn = draw_models(out, results, chosen, _say)
+        typer.echo(f"figures {results}")
     for file in drawn.files:
         typer.echo(f"picture {file}")
     if drawn.message:
