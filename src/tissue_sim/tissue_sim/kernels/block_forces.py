@@ -23,11 +23,10 @@ def block_forces(
     zero, half = material.tiny - material.tiny, material.one / (material.one + material.one)
     for place in range(len(nodes)):
         i = nodes[place]
-        three = first[i] + first[i] + first[i]
-        gather(lanes[i], three, corners, u, i, w)
-        F = node_response(lanes[i], three + three + three + first[i], gradients, w, material)
+        F = node_response(i, lanes[i], first[i], corners, gradients, u, material)
         out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
         if len(matter) > 0:
+            gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
             M = mixed_response(lanes[i], first[i], gradients, matter, w, zero, zero, zero, half)
             out[place, 0] += M[0]
             out[place, 1] += M[1]
@@ -57,9 +56,10 @@ def largest_block_force(
         i = nodes[place]
         if not prescribed[i] and lanes[i] > 0:
             F0, F1, F2, K00, _, _, K11, _, K22, _ = node_sums(
-                i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
+                i, lanes[i], first[i], corners, gradients, factor, target, material, u
             )
             if len(matter) > 0:
+                gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
                 f0, f1, f2, k00, _, _, k11, _, k22, _, _ = mixed_response(
                     lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
                 )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tissue_sim.kernels.mixed_matter import mixed_response
 from tissue_sim.kernels.neo_hookean import Constants, node_response
 from tissue_sim.kernels.springs import FAST, SpringArrays
+from tissue_sim.kernels.vectors import prefetch
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
 from tissue_sim.kernels.vertex_descent import (
     Inertia,
@@ -19,6 +20,12 @@ from tissue_sim.kernels.vertex_descent import (
     solve,
     unfold_at,
 )
+
+AHEAD = 2
+"""Nodes between asking for a list and reading it."""
+
+LINE = 16
+"""Numbers in a cache line."""
 
 
 class Problem(NamedTuple):
@@ -88,13 +95,22 @@ def _wake_neighbours(i, start, degree, neighbour, awake):  # type: ignore[no-unt
         awake[neighbour[place]] = True
 
 
+@njit(inline="always")
+def _fetch_ahead(i, lanes, first, corners, gradients, start, neighbour):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Ask for a node's lists: they lie by row, not in the order of the sweep, and come late."""
+    prefetch(neighbour, np.int64(start[i]))
+    n, begin = np.int64(lanes[i]), np.int64(first[i])
+    for at in range(10 * begin, 10 * (begin + n), LINE):
+        prefetch(gradients, at)
+    for at in range(3 * begin, 3 * (begin + n), LINE):
+        prefetch(corners, at)
+
+
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def node_sums(i, lanes, at, corners, gradients, factor, target, material, u, w):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
+def node_sums(i, lanes, first, corners, gradients, factor, target, material, u):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
     """Force on a node and its Hessian, those of inertia included, and its folded elements."""
-    three = at + at + at
-    gather(lanes, three, corners, u, i, w)
     F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = node_response(
-        lanes, three + three + three + at, gradients, w, material
+        i, lanes, first, corners, gradients, u, material
     )
     m = factor[i]
     F0 += m * (target[i, 0] - u[i, 0])
@@ -161,6 +177,8 @@ def sweep_blocks(
     careful = 0
     for place in range(begin, end):
         i = nodes[place]
+        if place + AHEAD < end and awake[nodes[place + AHEAD]]:
+            _fetch_ahead(nodes[place + AHEAD], lanes, first, corners, gradients, start, neighbour)
         if prescribed[i]:
             if seen[i, 0] != u[i, 0] or seen[i, 1] != u[i, 1] or seen[i, 2] != u[i, 2]:
                 seen[i, 0], seen[i, 1], seen[i, 2] = u[i, 0], u[i, 1], u[i, 2]
@@ -169,10 +187,11 @@ def sweep_blocks(
         if not awake[i] or lanes[i] == 0:
             continue
         F0, F1, F2, K00, K01, K02, K11, K12, K22, folded = node_sums(
-            i, lanes[i], first[i], corners, gradients, factor, target, material, u, w
+            i, lanes[i], first[i], corners, gradients, factor, target, material, u
         )
         trace, T1, T2 = K00 + K11 + K22, zero, zero
         if len(matter) > 0:
+            gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
             f0, f1, f2, k00, k01, k02, k11, k12, k22, T1, T2 = mixed_response(
                 lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
             )
@@ -188,7 +207,7 @@ def sweep_blocks(
         # The fibres' bound, over the 3/2 mu of the neo-Hookean one.
         bound = third[i] + (T1 + T2 * length) * fibres
         lowers = bound * squared * length <= trusted * (F0 * d0 + F1 * d1 + F2 * d2)
-        if unfolding and half < folded:
+        if unfolding and folded:
             e0, e1, e2 = unfold_at(i, blocks, u, exact_w)
             d0, d1, d2 = zero + e0, zero + e1, zero + e2
             careful += 1

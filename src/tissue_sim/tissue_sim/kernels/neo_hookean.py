@@ -31,16 +31,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from tissue_sim.kernels.springs import FAST
-
-SUMS = FAST | {"reassoc"}
-"""Sums over a node's elements may be reordered, so that they are vectorised.
-
-All of their operands are contiguous: there is nothing to gather.
-"""
-
+from tissue_sim.kernels.vectors import LANES, bits, fetch_points, load, splat, total
 
 FOLDED = 0.1
 """Share of its volume below which an element is crushed; inverted ones have less than none."""
@@ -159,52 +152,47 @@ def corner_energy(a, b, c, ga, gb, gc, V, material):  # type: ignore[no-untyped-
     return V * (stretch + half * bulk * j * j - shear * j)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=SUMS)
-def node_response(
-    lanes: np.uint64,
-    at: np.uint64,
-    gradients: NDArray[np.floating],
-    w: NDArray[np.floating],
-    material: Constants,
-) -> tuple[np.floating, ...]:
-    """Sum of `corner_response` over the elements of a node.
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def node_response(i, lanes, first, corners, gradients, u, material):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
+    """Sum of `corner_response` over the elements of a node, eight elements at once.
 
     Args:
-        lanes: Length of each row: elements at the node, filled up to a multiple of eight.
-        at: Where the node's rows begin in `gradients`.
-        gradients: Rows by node: g_a, g_b, g_c by components [1/m] and V [m^3].
-        w: Displacements of the other corners relative to the node [m], nine rows.
+        i: Row of the node.
+        lanes: Length of each of its rows: elements at the node, filled up to a multiple of eight.
+        first: First place of its list.
+        corners: Three rows by node: the other corners.
+        gradients: Ten rows by node: g_a, g_b, g_c by components [1/m] and V [m^3].
+        u: Displacements [m], shape (node_capacity, 3).
         material: Constants.
 
     Returns:
-        Force [N] (3), Hessian [N/m] (6) and the number of folded elements.
+        Force [N] (3), Hessian [N/m] (6) and whether an element is folded.
     """
-    F0 = F1 = F2 = K00 = K01 = K02 = K11 = K12 = K22 = material.tiny - material.tiny
-    folded = F0
-    a1, a2, a3 = lanes, lanes + lanes, lanes + lanes + lanes
-    b1, b2, b3 = a3 + a1, a3 + a2, a3 + a3
-    c1, c2 = b3 + a1, b3 + a2
-    g0, g1, g2, g3, g4, g5 = at, at + a1, at + a2, at + a3, at + b1, at + b2
-    g6, g7, g8, g9 = at + b3, at + c1, at + c2, at + b3 + a3
-    for k in range(lanes):
+    zero = material.tiny - material.tiny
+    F0 = F1 = F2 = K00 = K01 = K02 = K11 = K12 = K22 = splat(zero)
+    u0, u1, u2 = u[i, 0], u[i, 1], u[i, 2]
+    n, begin = np.int64(lanes), np.int64(first)
+    folded = 0
+    for k in range(0, n, LANES):
+        at, g = 3 * begin + k, 10 * begin + k
+        a0, a1, a2 = fetch_points(u, corners, at)
+        b0, b1, b2 = fetch_points(u, corners, at + n)
+        c0, c1, c2 = fetch_points(u, corners, at + 2 * n)
         f0, f1, f2, k00, k01, k02, k11, k12, k22, j = corner_response(
-            (w[k], w[a1 + k], w[a2 + k]),
-            (w[a3 + k], w[b1 + k], w[b2 + k]),
-            (w[b3 + k], w[c1 + k], w[c2 + k]),
-            (gradients[g0 + k], gradients[g1 + k], gradients[g2 + k]),
-            (gradients[g3 + k], gradients[g4 + k], gradients[g5 + k]),
-            (gradients[g6 + k], gradients[g7 + k], gradients[g8 + k]),
-            gradients[g9 + k],
+            (a0 - u0, a1 - u1, a2 - u2),
+            (b0 - u0, b1 - u1, b2 - u2),
+            (c0 - u0, c1 - u1, c2 - u2),
+            (load(gradients, g), load(gradients, g + n), load(gradients, g + 2 * n)),
+            (load(gradients, g + 3 * n), load(gradients, g + 4 * n), load(gradients, g + 5 * n)),
+            (load(gradients, g + 6 * n), load(gradients, g + 7 * n), load(gradients, g + 8 * n)),
+            load(gradients, g + 9 * n),
             material,
         )
-        F0 += f0
-        F1 += f1
-        F2 += f2
-        K00 += k00
-        K01 += k01
-        K02 += k02
-        K11 += k11
-        K12 += k12
-        K22 += k22
-        folded += material.one if j < material.folded else material.tiny
-    return F0, F1, F2, K00, K01, K02, K11, K12, K22, folded
+        F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
+        K00, K01, K02 = K00 + k00, K01 + k01, K02 + k02
+        K11, K12, K22 = K11 + k11, K12 + k12, K22 + k22
+        folded |= bits(j < material.folded)
+    return (
+        total(F0), total(F1), total(F2), total(K00), total(K01), total(K02), total(K11),
+        total(K12), total(K22), folded != 0,
+    )  # fmt: skip

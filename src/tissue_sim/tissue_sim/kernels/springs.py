@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tissue_sim.kernels.vectors import prefetch
+
 FAST = {"contract", "nnan", "ninf", "nsz", "arcp"}
 """No `reassoc`: it turns the loops over neighbours into slow hardware gathers."""
 
@@ -56,6 +58,19 @@ class SpringArrays(NamedTuple):
     neighbour: NDArray[np.uint32]
     stiffness: NDArray[np.floating]
     length: NDArray[np.floating]
+
+
+AHEAD = 2
+"""Nodes between asking for a list and reading it."""
+
+
+@njit(inline="always")
+def _fetch_ahead(i, start, neighbour, stiffness, length):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Ask for a node's lists: they lie by row, not in the order of the sweep, and come late."""
+    at = np.int64(start[i])
+    prefetch(neighbour, at)
+    prefetch(stiffness, at)
+    prefetch(length, at)
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
@@ -104,10 +119,13 @@ def sweep_nodes(
     Returns:
         Largest squared distance a node moved [m^2].
     """
+    _, start, degree, neighbour, stiffness, length = springs
     largest = tiny - tiny
     for place in range(begin, end):
         i = nodes[place]
-        if prescribed[i] or springs.degree[i] == 0:
+        if place + AHEAD < end:
+            _fetch_ahead(nodes[place + AHEAD], start, neighbour, stiffness, length)
+        if prescribed[i] or degree[i] == 0:
             continue
         F0, F1, F2, K, _ = _pull(i, springs, u, tiny)
         scale = step / K
@@ -154,10 +172,13 @@ def sweep_nodes_with_momentum(
             # Denormal numbers are slow.
             last_move[i, axis] = move if move * move > tiny else tiny - tiny
             u[i, axis] += last_move[i, axis]
+    _, start, degree, neighbour, stiffness, length = springs
     largest = tiny - tiny
     for place in range(begin, end):
         i = nodes[place]
-        if prescribed[i] or springs.degree[i] == 0:
+        if place + AHEAD < end:
+            _fetch_ahead(nodes[place + AHEAD], start, neighbour, stiffness, length)
+        if prescribed[i] or degree[i] == 0:
             continue
         F0, F1, F2, K, across = _pull(i, springs, u, tiny)
         scale = step / (K + TAUT * across)

@@ -27,6 +27,9 @@ LANES = 8
 ROW = 4
 """Columns of arrays whose rows are fetched and put whole: one SSE register."""
 
+POINT = 3
+"""Columns of arrays of points."""
+
 _FLAGS = ("contract", "nnan", "ninf", "nsz")
 _I32, _I64 = ir.IntType(32), ir.IntType(64)
 
@@ -162,13 +165,15 @@ def _interleaved(builder: Any, four: list[Any]) -> list[Any]:
     return [_shuffled(builder, *pair, mask) for pair in ((a, c), (b, d)) for mask in (_LOW, _HIGH)]
 
 
-def _row_places(builder: Any, data: Any, indices: Any, at: Any) -> list[tuple[Any, int]]:
+def _row_places(
+    builder: Any, data: Any, indices: Any, at: Any, columns: int = ROW
+) -> list[tuple[Any, int]]:
     """Where the rows are whose numbers stand at eight places of `indices`."""
     places = []
     for lane in range(LANES):
         index = builder.load(builder.gep(indices, [builder.add(at, at.type(lane))]))
-        first = builder.mul(builder.zext(index, _I64), _I64(ROW))
-        places.append(_place(builder, data, first, ROW))
+        first = builder.mul(builder.zext(index, _I64), _I64(columns))
+        places.append(_place(builder, data, first, columns))
     return places
 
 
@@ -188,6 +193,23 @@ def fetch_rows(typing: Any, array: Any, indices: Any, at: Any) -> Any:
 
 
 @intrinsic
+def fetch_points(typing: Any, array: Any, indices: Any, at: Any) -> Any:
+    """Rows indices[at:at + 8] of an array of shape (n, 3): a vector for each column."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = _data(context, builder, array, args[0])
+        numbers = _data(context, builder, indices, args[1])
+        places = _row_places(builder, data, numbers, args[2], POINT)
+        points = [builder.load(pointer, align=size) for pointer, size in places]
+        mask = [0, 1, 2, 2, 3, 4, 5, 5]
+        wide = [_shuffled(builder, points[k], points[k + ROW], mask) for k in range(ROW)]
+        columns = _interleaved(builder, wide)[:POINT]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(Vector(array.dtype), POINT)(array, indices, at), generate
+
+
+@intrinsic
 def put_rows(typing: Any, array: Any, indices: Any, at: Any, columns: Any) -> Any:
     """Write rows indices[at:at + 8] of an array of shape (n, 4) from a vector for each column."""
 
@@ -202,6 +224,21 @@ def put_rows(typing: Any, array: Any, indices: Any, at: Any, columns: Any) -> An
         return context.get_dummy_value()
 
     return types.void(array, indices, at, columns), generate
+
+
+@intrinsic
+def prefetch(typing: Any, array: Any, at: Any) -> Any:
+    """Ask for the cache line of a place of a one-dimensional array, which need not exist."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = builder.gep(_data(context, builder, array, args[0]), [args[1]])
+        place = builder.bitcast(place, ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [place.type, _I32, _I32, _I32])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [place, _I32(0), _I32(3), _I32(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, at), generate
 
 
 @intrinsic
@@ -237,3 +274,19 @@ def bits(typing: Any, mask: Any) -> Any:
         return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), _I64)
 
     return types.int64(mask), generate
+
+
+@intrinsic
+def total(typing: Any, vector: Any) -> Any:
+    """Sum of the lanes, by halves: (0 + 4) + (2 + 6) + ((1 + 5) + (3 + 7))."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        value, half = args[0], LANES // 2
+        while half:
+            other = _shuffled(builder, value, value, list(range(half, 2 * half)))
+            value = _shuffled(builder, value, value, list(range(half)))
+            value = builder.fadd(value, other, flags=_FLAGS)
+            half //= 2
+        return builder.extract_element(value, _I32(0))
+
+    return vector.base(vector), generate
