@@ -49,10 +49,11 @@ class Scene:
 
     def as_arguments(self) -> dict[str, Any]:
         """The arguments of a `start` command; plain JSON values."""
+        regions = [asdict(region) for region in self.material.regions]
         arguments: dict[str, Any] = {
             "model": self.model,
             "parameters": {model: dict(values) for model, values in self.parameters.items()},
-            "material": asdict(self.material),
+            "material": {**asdict(self.material), "regions": regions},
             "tools": [tool.as_arguments() for tool in self.tools],
             "rate_hz": self.rate_hz,
             "seeded_release": self.seeded_release,
