@@ -117,6 +117,11 @@ class BlockActiveSet(ActiveSet):
         """
         super().__init__(problem.springs, levels, rest_tolerance)
         self.chebyshev = Chebyshev(problem.springs, chebyshev) if chebyshev > 0.0 else None
+        # Compiled, or loaded from the cache, before the first sweep.
+        wake_around_moved(
+            np.empty(0, dtype=np.uint32), 0, 0, problem.controls.tolerance, problem.last_move,
+            problem.last_move, problem.springs.arrays, problem.awake,
+        )  # fmt: skip
         self.problem, self.pace = problem, Pace(problem.springs.dtype(momentum))
         self.lingering = self._slow = BlockLingering(problem, momentum)
         self.moved = 0.0
