@@ -15,6 +15,7 @@ from support.elastic_scenes import (
     wall_mesh,
 )
 from tissue_sim.elastic.lingering import Lingering
+from tissue_sim.elastic.local_relaxation import LocalRelaxation
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN, NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
@@ -56,6 +57,30 @@ def test_far_from_the_hold_only_relaxation_moves_the_tissue() -> None:
     steps(model, state, 50)
     moved = (state.displacement[: mesh.node_rows] != 0).any(axis=1)
     assert moved[level > 2].any()
+
+
+def test_passing_over_resting_tissue_moves_nothing_elsewhere() -> None:
+    mesh = block_mesh(9)
+    springs = SpringNetwork(mesh, MATERIAL)
+    shapes, looked = [], []
+    for sleeping in (True, False):
+        model, state = build("lr", mesh, springs, levels=2)
+        assert isinstance(model, LocalRelaxation)
+        model.relaxation.sleeping = sleeping
+        held = hold(model, state, top_ball(mesh), mesh)
+        seen = 0
+        for frame in range(60):
+            # To and fro, then a pause.
+            state.displacement[held] = [0, 0, 0.008 * np.sin(min(frame, 40) / 6)]
+            steps(model, state, 2)
+            seen += model.relaxation.looked
+        release(model, state, mesh)
+        steps(model, state, 100)
+        shapes.append(state.displacement[: mesh.node_rows].copy())
+        looked.append(seen)
+    # A micrometre would do.
+    np.testing.assert_array_equal(shapes[0], shapes[1])
+    assert looked[0] < 0.8 * looked[1]
 
 
 def test_a_thin_wall_pulled_far_stays_smooth_and_springs_back() -> None:

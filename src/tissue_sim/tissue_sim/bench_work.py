@@ -16,10 +16,11 @@ from tissue_sim.elastic.local_relaxation import LocalRelaxation
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.quasi_static import QuasiStatic
-from tissue_sim.elastic.relaxation import Relaxation
+from tissue_sim.elastic.relaxation import Relaxation, RelaxationPass
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
+from tissue_sim.kernels.relaxation import REMOVED_LENGTH
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,13 @@ class Work:
     operations: int = 0
 
 
-def work_of(model: MeshModel, state: State) -> Work:
+def work_of(model: MeshModel, state: State, looked: float | None = None) -> Work:
     """What a step of a model must do at least, as the state is now.
+
+    Args:
+        model: The model; relaxation is run once.
+        state: Its state.
+        looked: Places of the list that a relaxation looks at in a step; as in the run if None.
 
     Raises:
         TypeError: Nobody has counted the work of this model.
@@ -52,10 +58,10 @@ def work_of(model: MeshModel, state: State) -> Work:
     if isinstance(model, QuasiStatic):
         return _node_sweep(springs, model.active.visited())
     if isinstance(model, Relaxation):
-        return _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+        return _relaxation(model.relaxation, state, looked)
     if isinstance(model, LocalRelaxation):
         sweep = _node_sweep(springs, model.active.visited())
-        relaxation = _relaxation(springs, model.relaxation.order.used, model.relaxation.run(state))
+        relaxation = _relaxation(model.relaxation, state, looked)
         return Work(
             sweep.moved + relaxation.moved,
             sweep.roots + relaxation.roots,
@@ -78,9 +84,14 @@ def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
     return Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
 
 
-def _relaxation(springs: SpringNetwork, listed: int, outside: int) -> Work:
-    nodes = int(springs.mesh.node_alive.sum())
-    return Work(24 * listed + 53 * nodes, outside, nodes, listed)
+def _relaxation(relaxation: RelaxationPass, state: State, places: float | None) -> Work:
+    outside = relaxation.run(state)
+    nodes, order = int(relaxation.springs.mesh.node_alive.sum()), relaxation.order
+    springs = int((order.list.length[: order.used] < REMOVED_LENGTH).sum())
+    # Places without a spring are as frequent among those looked at as among all.
+    places = relaxation.looked if places is None else places
+    looked = round(springs * places / max(order.used, 1))
+    return Work(24 * looked + 53 * nodes, outside, nodes, looked)
 
 
 def _time_step(springs: SpringNetwork) -> Work:

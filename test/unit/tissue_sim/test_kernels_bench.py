@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -18,6 +19,7 @@ KEYS = {
 
 def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "TRIAD_NUMBERS", 1 << 20)
+    monkeypatch.setattr(bench, "LARGE_SIDE", 10)
     out = tmp_path / "deep" / "bench.json"
     result = bench.run_bench(out, seconds=0.05)
     assert json.loads(out.read_text()) == json.loads(json.dumps(result))
@@ -34,6 +36,11 @@ def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert figures["wall", "spring_mass"]["thesis_fps"] == 86
     assert figures["heart", "lr, L = 4, one pass"]["thesis_fps"] == 20
     assert figures["wall", "quasi_static, all nodes"]["nodes"] == 884
+    visited = [
+        figures["heart", f"lr, L = 4, one pass{text}"]["springs_visited"]
+        for text in ("", ", no sleeping")
+    ]
+    assert 0 < visited[0] < visited[1]
     assert 30_000 < figures["heart", "lr, L = 4, one pass"]["nodes"] < 40_000
 
     console = Console(record=True, width=160)
@@ -41,3 +48,12 @@ def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     text = console.export_text()
     assert "lr, L = 4, one pass" in text
     assert "106/s" in text
+
+
+def test_the_hold_goes_to_and_fro_at_constant_speed() -> None:
+    travel = np.linspace(0.0, 0.2, 2001)
+    z = np.array([bench.height(way) for way in travel])
+    assert z[0] == 0.0
+    assert z.max() == pytest.approx(0.01)
+    assert z.min() == pytest.approx(-0.01)
+    assert np.abs(np.diff(z)) == pytest.approx(np.diff(travel))

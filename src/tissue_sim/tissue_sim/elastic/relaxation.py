@@ -37,6 +37,7 @@ class RelaxationPass:
 
     Attributes:
         order: The springs in the order of a pass.
+        looked: Places of the list that the last step looked at.
         sleeping: Whether springs that must be inside their limits are passed over; looking at all
             of them gives the same positions bit for bit.
     """
@@ -47,7 +48,7 @@ class RelaxationPass:
         share = 1.0 if values["full_excess"] else 0.5
         self.springs = springs
         self.order = SpringOrdering(springs)
-        self.sleeping = True
+        self.sleeping, self.looked = True, 0
         self._passes = int(values["passes"])
         self._limits = np.array([eps, eps * (2 + eps), -eps * (2 - eps), share], springs.dtype)
         self._nodes = _nodes(springs)
@@ -59,16 +60,17 @@ class RelaxationPass:
         Returns:
             Number of springs that the last pass found outside their limits.
         """
-        outside = 0
+        outside = self.looked = 0
         for _ in range(self._passes):
             # Another order may list springs that the one before did not.
             look_at_all = self.order.advance() or self._look_at_all
             self._look_at_all = False
-            outside = relax_springs(
+            outside, looked = relax_springs(
                 self.springs.mesh.node_rows, self.order.used, self.order.list,
                 look_at_all or not self.sleeping, state.prescribed, self._limits,
                 self.springs.tiny, self._nodes, state.displacement,
             )  # fmt: skip
+            self.looked += int(looked)
         return int(outside)
 
     def prescribed_changed(self, nodes: NodeOrdering) -> None:

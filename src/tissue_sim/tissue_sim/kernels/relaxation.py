@@ -273,7 +273,7 @@ def relax_springs(
     tiny: np.floating,
     nodes: Nodes,
     u: NDArray[np.floating],
-) -> int:
+) -> tuple[int, int]:
     """One relaxation pass. Modifies `u` and `nodes` in place.
 
     A spring outside [l0 (1 - eps), l0 (1 + eps)] is put at that limit by moving its ends along it.
@@ -296,7 +296,8 @@ def relax_springs(
         u: Displacements [m].
 
     Returns:
-        Number of springs that were outside their limits.
+        Number of springs that were outside their limits, and of those looked at, tombstones
+        included.
     """
     first, second, edge, length = springs
     X, moved = nodes
@@ -307,10 +308,11 @@ def relax_springs(
         for i in range(rows):
             X[i, 3] = zero if prescribed[i] else one
     _take_over(rows, u, nodes)
-    count = 0
+    count = looked = 0
     for group in range(0, used, LANES):
         if not everything and _rests(group, first, second, moved):
             continue
+        looked += LANES
         a0, a1, a2, a_moves = fetch_rows(X, first, group)
         b0, b1, b2, b_moves = fetch_rows(X, second, group)
         w0, w1, w2 = b0 - a0, b1 - a1, b2 - a2
@@ -341,4 +343,4 @@ def relax_springs(
         count += _note_moves(group, outside, first, second, moved)
     for i in range(rows):
         u[i, 0], u[i, 1], u[i, 2] = X[i, 0], X[i, 1], X[i, 2]
-    return count
+    return count, looked
