@@ -141,9 +141,9 @@ def _line(row: dict[str, Any]) -> list[str]:
         row["geometry"],
         row["simulator"],
         settings or "defaults",
-        f"{arrived:,.3g}" if arrived is not None else _never(row),
+        _time(arrived) if arrived is not None else _never(row),
         f"{row['steps']:,}",
-        f"{row['step_ms']:.3g}",
+        _time(row["step_ms"]),
         f"{row['error']:.1%}",
         f"{row['largest']:.1%}",
     ]
@@ -157,8 +157,12 @@ def _never(row: dict[str, Any]) -> str:
     return f"not in {1e-3 * row['steps'] * row['step_ms']:.0f} s: at {row['error']:.0%}"
 
 
+def _time(ms: float) -> str:
+    return f"{ms:.3g}" if ms < 100 else f"{ms:,.0f}"
+
+
 def _number(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.3g}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def as_markdown(result: dict[str, Any]) -> str:
@@ -172,14 +176,14 @@ def as_markdown(result: dict[str, Any]) -> str:
 
 
 def print_table(result: dict[str, Any], console: Console | None = None) -> None:
-    """Print the rows of a result, and what is missing."""
+    """Print the rows of a result, without the settings, and what is missing."""
     console = console or Console()
     table = Table(title=f"{result['machine']['processor']}, one thread each")
-    for heading in HEADINGS:
-        left = heading in ("geometry", "simulator", "settings")
-        table.add_column(heading, justify="left" if left else "right")
+    shown = [place for place, heading in enumerate(HEADINGS) if heading != "settings"]
+    for place in shown:
+        table.add_column(HEADINGS[place], justify="left" if place < shown[2] else "right")
     for line in _lines(result):
-        table.add_row(*line)
+        table.add_row(*(line[place] for place in shown))
     console.print(table)
     for label, line in result["missing"].items():
         console.print(f"{label}: {line}", soft_wrap=True, highlight=False)

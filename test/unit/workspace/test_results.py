@@ -10,6 +10,7 @@ from tissue_sim import (
     acceleration_study,
     bench,
     bench_growth,
+    bench_peers,
     loop_study,
     model_study,
     prediction_study,
@@ -17,6 +18,8 @@ from tissue_sim import (
 )
 from tissue_sim.elastic import registry
 from tissue_sim.loop_study import WITH, LoopRow, as_markdown
+from tissue_sim.peers.measure import pulled
+from tissue_sim.peers.task import task_of
 from tissue_sim.release_study import MODELS, RADII
 
 
@@ -97,6 +100,33 @@ def test_the_models_pulled_the_same_way_are_shown_as_they_came_out(repository: P
         assert abs(shape.row.mean_difference_mm - then.mean_difference_mm) < 0.02
         assert abs(shape.row.largest_difference_mm - then.largest_difference_mm) < 0.1
         assert shape.row.inverted == then.inverted
+
+
+def test_the_comparison_with_peers_is_shown_as_it_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/peers.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/peers.md").read_text(encoding="utf-8")
+    assert bench_peers.as_markdown(result) in page
+    entries = {entry.label: entry for entry in bench_peers.OWN + bench_peers.PEERS}
+    rows = {(row["geometry"], row["simulator"]): row for row in result["rows"]}
+    assert set(rows) == {(g, label) for g in bench_peers.GEOMETRIES for label in entries}
+    for package, about in result["packages"].items():
+        assert f"{package} {about['version']} ({about['licence']})" in page
+    # What the page says, and is.
+    for geometry in bench_peers.GEOMETRIES:
+        arrived = {
+            label: row["arrived_ms"]
+            for (where, label), row in rows.items()
+            if where == geometry and row["arrived_ms"] is not None
+        }
+        assert {"MuJoCo flex", "PyBullet", "vertex_block_descent"} <= set(arrived)
+        assert not {"newton XPBD", "quasi_static", "spring_mass", "lr"} & set(arrived)
+        first = sorted(arrived, key=lambda label: arrived[label])[:2]
+        assert first == ["finite_element, motion known", "finite_element"]
+    # Spot check: steps depend on nothing but the code.
+    for label in ("finite_element", "vertex_block_descent"):
+        row = rows["wall", label]
+        run = pulled(entries[label], task_of("wall"), row["settings"], 60.0)
+        assert abs(run.steps - row["steps"]) <= 0.1 * row["steps"]
 
 
 def test_accelerations_and_predictors_are_shown_as_they_came_out(repository: Path) -> None:

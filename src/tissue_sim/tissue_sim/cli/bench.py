@@ -27,7 +27,7 @@ def bench(
 ) -> None:
     """Steps a second of every model, next to what the machine's memory allows.
 
-    With --peers, ten times --seconds is the longest that a simulator is given to arrive.
+    With --peers, twenty times --seconds is the longest that a simulator is given to arrive.
     """
     if loop:
         from tissue_sim.loop_study import run_study
@@ -49,7 +49,7 @@ def bench(
         from tissue_sim.bench_peers import run_peers
 
         out = out.with_name("bench_peers.json")
-        print_peers(run_peers(out, 10.0 * seconds, report=typer.echo))
+        print_peers(run_peers(out, 20.0 * seconds, report=typer.echo))
         typer.echo(f"written to {out}")
         return
     from tissue_sim.bench import print_table, run_bench

@@ -41,7 +41,7 @@ class NewtonSoft:
         import newton
         import warp
 
-        warp.config.log_level = warp.LOG_WARNING
+        warp.config.log_level = warp.LOG_ERROR
         lam, mu = task.lame
         builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
         builder.add_soft_mesh(
