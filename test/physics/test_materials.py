@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import skfem
+from numba import njit
 from scipy.spatial.transform import Rotation
 from skfem.helpers import ddot, dot, mul, sym_grad, trace
 
@@ -25,7 +26,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.regions import paint
 from tissue_sim.geometry.shapes import block
 from tissue_sim.interaction.tools import ToolSpec
-from tissue_sim.kernels.mixed_matter import mixed_response
+from tissue_sim.kernels.mixed_matter import mixed_response, mixed_sums
 from tissue_sim.kernels.vertex_descent import gather
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
@@ -59,6 +60,11 @@ def made(
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
     assert isinstance(model, (FiniteElement, VertexBlockDescent))
     return model, state
+
+
+@njit
+def sums_of(i, lanes, first, corners, gradients, rows, u):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    return mixed_sums(i, lanes, first, corners, gradients, rows, u, 0.0, 0.5)
 
 
 def all_rows(mesh: Mesh) -> np.ndarray:
@@ -186,10 +192,19 @@ def test_the_hessian_of_a_node_is_that_of_its_forces_and_never_negative() -> Non
 
     def response(e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         gather(lanes, 3 * first, blocks.corners, state.displacement, node, w)
-        found = mixed_response(lanes, first, blocks.gradients, blocks.matter, w, *e, 0.5)
+        found = mixed_response(lanes, first, blocks.gradients, blocks.matter, w, *e)
         k = found[3:9]
         return np.array(found[:3]), np.array([k[:3], [k[1], k[3], k[4]], [k[2], k[4], k[5]]])
 
+    def at_once() -> np.ndarray:
+        args = (node, lanes, first, blocks.corners, blocks.gradients, blocks.matter)
+        return np.array(sums_of(*args, state.displacement))
+
+    shake(mesh, state, 0.004)
+    F, K = response(np.zeros(3))
+    np.testing.assert_allclose(
+        at_once()[:9], [*F, *K[np.triu_indices(3)]], rtol=1e-9, atol=1e-9 * np.abs(K).max()
+    )
     state.displacement[: mesh.node_rows] = 0.2 * mesh.rest[: mesh.node_rows]
     _, K = response(np.zeros(3))
     h = 1e-7

@@ -84,7 +84,7 @@ class BlockProblem:
         lanes = int(self.blocks.lanes.max(initial=0))
         self._problem = Problem(
             self.blocks, self.springs.arrays, self._inertia, self._material, self._exact,
-            np.empty(9 * lanes, dtype=self.springs.dtype), np.empty(9 * lanes),
+            np.empty(9 * lanes),
         )  # fmt: skip
 
     def _make_room(self) -> None:

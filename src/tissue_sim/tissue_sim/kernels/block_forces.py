@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.kernels.block_sweeps import Problem, node_sums
-from tissue_sim.kernels.mixed_matter import mixed_energy, mixed_response
+from tissue_sim.kernels.mixed_matter import mixed_energy, mixed_sums
 from tissue_sim.kernels.neo_hookean import node_response
 from tissue_sim.kernels.springs import FAST
 from tissue_sim.kernels.vertex_descent import gather, node_energy
@@ -18,7 +18,7 @@ def block_forces(
     nodes: NDArray[np.int32], problem: Problem, u: NDArray[np.floating], out: NDArray[np.float64]
 ) -> None:
     """Internal elastic forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
-    blocks, _, _, material, _, w, _ = problem
+    blocks, _, _, material, _, _ = problem
     first, lanes, _, corners, gradients, _, _, matter = blocks
     zero, half = material.tiny - material.tiny, material.one / (material.one + material.one)
     for place in range(len(nodes)):
@@ -26,8 +26,7 @@ def block_forces(
         F = node_response(i, lanes[i], first[i], corners, gradients, u, material)
         out[place, 0], out[place, 1], out[place, 2] = F[0], F[1], F[2]
         if len(matter) > 0:
-            gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
-            M = mixed_response(lanes[i], first[i], gradients, matter, w, zero, zero, zero, half)
+            M = mixed_sums(i, lanes[i], first[i], corners, gradients, matter, u, zero, half)
             out[place, 0] += M[0]
             out[place, 1] += M[1]
             out[place, 2] += M[2]
@@ -46,7 +45,7 @@ def largest_block_force(
 
     Forces are those of the energy that is minimised, inertia included.
     """
-    blocks, _, inertia, material, _, w, _ = problem
+    blocks, _, inertia, material, _, _ = problem
     first, lanes, _, corners, gradients, _, _, matter = blocks
     factor, target = inertia
     zero, half = material.tiny - material.tiny, material.one / (material.one + material.one)
@@ -59,9 +58,8 @@ def largest_block_force(
                 i, lanes[i], first[i], corners, gradients, factor, target, material, u
             )
             if len(matter) > 0:
-                gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
-                f0, f1, f2, k00, _, _, k11, _, k22, _, _ = mixed_response(
-                    lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
+                f0, f1, f2, k00, _, _, k11, _, k22, _, _ = mixed_sums(
+                    i, lanes[i], first[i], corners, gradients, matter, u, zero, half
                 )
                 F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
                 K00, K11, K22 = K00 + k00, K11 + k11, K22 + k22
@@ -76,7 +74,7 @@ def largest_block_force(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def total_energy(rows: int, problem: Problem, u: NDArray[np.floating]) -> float:
     """Elastic energy of all elements [J]: a quarter of the sum over nodes of their elements."""
-    blocks, _, _, _, exact, _, w = problem
+    blocks, _, _, _, exact, w = problem
     first, lanes, _, corners, gradients, _, _, matter = blocks
     total = 0.0
     for i in range(rows):

@@ -8,14 +8,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tissue_sim.kernels.mixed_matter import mixed_response
+from tissue_sim.kernels.mixed_matter import mixed_sums
 from tissue_sim.kernels.neo_hookean import Constants, node_response
 from tissue_sim.kernels.springs import FAST, SpringArrays
 from tissue_sim.kernels.vectors import prefetch
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
 from tissue_sim.kernels.vertex_descent import (
     Inertia,
-    gather,
     minimise_at,
     solve,
     unfold_at,
@@ -37,8 +36,7 @@ class Problem(NamedTuple):
         inertia: Inertia; zero in statics.
         material: Constants in the kernels' precision.
         exact: The same in double precision.
-        w: Scratch in the kernels' precision, nine times the most lanes of a node.
-        exact_w: Scratch in double precision.
+        exact_w: Scratch in double precision, nine times the most lanes of a node.
     """
 
     blocks: VertexBlocks
@@ -46,7 +44,6 @@ class Problem(NamedTuple):
     inertia: Inertia
     material: Constants
     exact: Constants
-    w: NDArray[np.floating]
     exact_w: NDArray[np.float64]
 
 
@@ -165,7 +162,7 @@ def sweep_blocks(
     """
     # Tuples are taken apart here: in the loop every part would be counted in and out again.
     u, prescribed, last_move, seen, awake = motion
-    blocks, springs, inertia, material, exact, w, exact_w = problem
+    blocks, springs, inertia, material, exact, exact_w = problem
     first, lanes, _, corners, gradients, shear, third, matter = blocks
     _, start, degree, neighbour, _, _ = springs
     factor, target = inertia
@@ -191,9 +188,8 @@ def sweep_blocks(
         )
         trace, T1, T2 = K00 + K11 + K22, zero, zero
         if len(matter) > 0:
-            gather(lanes[i], first[i] + first[i] + first[i], corners, u, i, w)
-            f0, f1, f2, k00, k01, k02, k11, k12, k22, T1, T2 = mixed_response(
-                lanes[i], first[i], gradients, matter, w, zero, zero, zero, half
+            f0, f1, f2, k00, k01, k02, k11, k12, k22, T1, T2 = mixed_sums(
+                i, lanes[i], first[i], corners, gradients, matter, u, zero, half
             )
             F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
             K00, K01, K02 = K00 + k00, K01 + k01, K02 + k02

@@ -184,8 +184,8 @@ def minimise_at(
             lanes, at, blocks.gradients, w, e0, e1, e2, material
         )
         if len(rows) > 0:
-            f0, f1, f2, k00, k01, k02, k11, k12, k22, _, _ = mixed_response(
-                lanes, blocks.start[i], blocks.gradients, rows, w, e0, e1, e2, 0.5
+            f0, f1, f2, k00, k01, k02, k11, k12, k22 = mixed_response(
+                lanes, blocks.start[i], blocks.gradients, rows, w, e0, e1, e2
             )
             F0, F1, F2 = F0 + f0, F1 + f1, F2 + f2
             K00, K01, K02 = K00 + k00, K01 + k01, K02 + k02
