@@ -84,6 +84,7 @@ def run_peers(
         "machine": before | {"load_average_after": machine()["load_average"]},
         "packages": _packages(present),
         "target": TARGET,
+        "seconds": seconds,
         "tasks": tasks,
         "rows": rows,
         "missing": missing,
