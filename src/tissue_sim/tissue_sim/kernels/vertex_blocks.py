@@ -117,7 +117,7 @@ def fill_blocks(
         corner_at, gradient_at = 3 * first, 10 * first
         shear = third = 0.0
         for lane in range(lanes):
-            volume, element = 0.0, 0
+            volume, element = 0.0, np.int64(0)
             scratch[:] = 0.0
             for row in range(3):
                 blocks.corners[corner_at + row * lanes + lane] = i
