@@ -321,6 +321,7 @@ def _keep_active(model: MeshModel, state: State, shaken: NDArray[np.floating], h
     state.previous[:] = shaken
     if isinstance(model, VertexBlockDescent):
         model.problem.wake(state)
+        model.problem.last_move[:] = 0
 
 
 def height(travel: float, most: float = 0.01) -> float:
@@ -344,6 +345,8 @@ def _pull(
     """
     shaken = state.displacement.copy()
     relaxed = isinstance(model, (Relaxation, LocalRelaxation))
+    if relaxed:
+        model.relaxation.complete_order()  # type: ignore[attr-defined]
     steps = looked = 0
     passed = 0.0
     while passed < seconds or steps < 3:

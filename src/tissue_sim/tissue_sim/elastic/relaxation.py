@@ -73,6 +73,11 @@ class RelaxationPass:
             self.looked += int(looked)
         return int(outside)
 
+    def complete_order(self) -> None:
+        """Make a new order at once where nobody waits for a frame."""
+        self.order.complete()
+        self._look_at_all = True
+
     def prescribed_changed(self, nodes: NodeOrdering) -> None:
         """Order the springs anew along the nodes, which have been ordered anew."""
         self.order.order(nodes)

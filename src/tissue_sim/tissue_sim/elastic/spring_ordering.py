@@ -69,6 +69,11 @@ class SpringOrdering:
         self._now, self._next, self._nodes = self._next, self._now, None
         return True
 
+    def complete(self) -> None:
+        """Make the rest of a new order, if one was begun, at once."""
+        while self._nodes is not None:
+            self.advance()
+
     def follow(self, change: SpringChange) -> None:
         """Follow what an edit did to the springs, in time proportional to it.
 
