@@ -220,9 +220,17 @@ def test_without_curvature_springs_relaxation_leaves_a_ball_dented() -> None:
         assert left_after_a_pull("relaxation", ball(), kept, "surface") < 0.02 * dent
 
 
-def left_after_a_pull(name: str, raw: RawMesh, stiffness: SheetStiffness, kind: str) -> float:
+@pytest.mark.parametrize("thickness", [5e-4, 0.02, 0.05])
+def test_a_sheet_thicker_than_its_edges_are_long_returns_as_well(thickness: float) -> None:
+    fine = ball(subdivisions=3)
+    assert left_after_a_pull("quasi_static", fine, WITH_TORSION, "surface", thickness) < 2e-4
+
+
+def left_after_a_pull(
+    name: str, raw: RawMesh, stiffness: SheetStiffness, kind: str, thickness: float = 0.0
+) -> float:
     """Largest displacement [m] long after the top was pulled by 6 mm and let go of."""
-    mesh = sheet_mesh(raw, stiffness, kind, fixed=raw.points[:, 2] < -0.012)
+    mesh = sheet_mesh(raw, stiffness, kind, thickness, fixed=raw.points[:, 2] < -0.012)
     model, state = build(name, mesh)
     held = hold(model, state, np.flatnonzero(raw.points[:, 2] > 0.0185), mesh)
     count = 5 if model.time_step is None else round(1.0 / 60.0 / model.time_step)

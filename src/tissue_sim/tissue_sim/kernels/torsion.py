@@ -186,13 +186,16 @@ def sweep_folded_nodes(
             last_move[i, axis] = move if move * move > tiny else tiny - tiny
             u[i, axis] += last_move[i, axis]
     largest = tiny - tiny
+    taut = TAUT if momentum > largest else 0.0
     for place in range(begin, end):
         i = nodes[place]
         if prescribed[i] or springs.degree[i] == 0:
             continue
         F0, F1, F2, K, across = _pull(i, springs, u, tiny)
         T0, T1, T2, turning = _turn(i, springs, hinges, u, tiny)
-        scale = step / (K + TAUT * across + turning)
+        # Across the sheet torsion springs resist with all of their stiffness and far beyond their
+        # node: with momentum steps must stay below 1.
+        scale = step / (K + turning + taut * (across + 2 * turning))
         F0, F1, F2 = (F0 + T0) * scale, (F1 + T1) * scale, (F2 + T2) * scale
         if tiny < F0 * F0 + F1 * F1 + F2 * F2:
             u[i, 0] += F0
