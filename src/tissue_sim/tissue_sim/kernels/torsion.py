@@ -193,9 +193,7 @@ def sweep_folded_nodes(
             continue
         F0, F1, F2, K, across = _pull(i, springs, u, tiny)
         T0, T1, T2, turning = _turn(i, springs, hinges, u, tiny)
-        # Across the sheet torsion springs resist with all of their stiffness and far beyond their
-        # node: with momentum steps must stay below 1.
-        scale = step / (K + turning + taut * (across + 2 * turning))
+        scale = step / (K + turning + taut * across)
         F0, F1, F2 = (F0 + T0) * scale, (F1 + T1) * scale, (F2 + T2) * scale
         if tiny < F0 * F0 + F1 * F1 + F2 * F2:
             u[i, 0] += F0
