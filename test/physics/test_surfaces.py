@@ -269,3 +269,18 @@ def test_models_of_tetrahedra_are_refused_with_what_is_allowed(name: str) -> Non
         registry.build(name, sheet_mesh(ball()), Material())
     with pytest.raises(ValueError, match="volume_stiffness = 10 Pa is for tetrahedra"):
         registry.build("spring_mass", sheet_mesh(ball()), Material(), {"volume_stiffness": 10.0})
+
+
+def test_a_thin_wall_of_connected_surfaces_comes_to_rest_after_a_release() -> None:
+    raw = shell(0.0195, 0.02, subdivisions=3)
+    fixed = raw.points[:, 2] < -0.012
+    mesh = sheet_mesh(raw, SheetStiffness(), "connected_surfaces", fixed=fixed)
+    model, state = build("quasi_static", mesh)
+    held = hold(model, state, np.flatnonzero(raw.points[:, 2] > 0.0185), mesh)
+    for frame in range(1, 31):
+        state.displacement[held] = [0.0, 0.0, 2e-4 * frame]
+        steps(model, state, 5)
+    release(model, state, mesh)
+    steps(model, state, 1500)
+    assert model.idle
+    assert np.abs(state.displacement).max() < 2e-5
