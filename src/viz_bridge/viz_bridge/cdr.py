@@ -114,6 +114,8 @@ class Decoder:
             named = head.removeprefix("MSG:").strip().split("/")
             self._texts[f"{named[0]}/{named[-1]}"] = body
         self._readers: dict[str, Reader] = {}
+        # ROS pads its messages to an estimated length, for which it aligns even empty lists.
+        self._most_left = 8
         self._read = self._message(main)
 
     def __call__(self, data: bytes | memoryview) -> Message:
@@ -124,7 +126,7 @@ class Decoder:
         """
         cursor = _Cursor(data)
         message: Message = self._read(cursor)
-        if not 0 <= len(cursor.data) - cursor.at < 8:
+        if not 0 <= len(cursor.data) - cursor.at < self._most_left:
             raise CdrError(
                 f"{self.type_name}: {len(cursor.data) - cursor.at} bytes are left over; "
                 "the definition does not fit"
@@ -141,6 +143,8 @@ class Decoder:
             match = _LINE.match(line.split("#", 1)[0])
             if match and not match["constant"]:
                 item = self._item(match["type"], name.split("/")[0])
+                if match["array"] and _NUMBERS.get(match["type"], "").endswith("8"):
+                    self._most_left += 8
                 fields.append((match["name"], _array(item, match["type"], match["array"])))
         # An empty message carries one byte, as C structs do.
         empty = not fields
