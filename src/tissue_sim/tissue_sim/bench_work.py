@@ -103,7 +103,7 @@ def _time_step(springs: SpringNetwork) -> Work:
 def _iteration(model: FiniteElement) -> Work:
     nodes = int(model.mesh.node_alive.sum())
     blocks = int(model.springs.arrays.degree.sum())
-    return Work(40 * blocks + 565 * nodes + 4 * model.coarse_unknowns**2, 0, nodes, blocks)
+    return Work(40 * blocks + 565 * nodes + model.coarse_bytes, 0, nodes, blocks)
 
 
 def _responses(model: FiniteElement) -> Work:

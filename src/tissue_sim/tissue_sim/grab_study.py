@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from tissue_sim.bench import hold_for, machine
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.direct_solver import dofs_of, factorised, rows_of
+from tissue_sim.elastic.direct_solver import dofs_of, rows_of
+from tissue_sim.elastic.factorisation import factorised
 from tissue_sim.elastic.finite_element import FiniteElement
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry import scene_geometry

@@ -60,9 +60,9 @@ class ConjugateGradients:
         return self._vectors.x
 
     @property
-    def coarse_unknowns(self) -> int:
-        """Unknowns of the coarse part of the preconditioner."""
-        return self._aggregates.force.size
+    def coarse_bytes(self) -> int:
+        """Memory that the coarse part of the preconditioner reads in an iteration at least."""
+        return self._aggregates.bytes
 
     def begin(self, lane: int, shape: NDArray[np.floating], change: bool = False) -> None:
         """Solve K (shape + change) = 0 in the free nodes.

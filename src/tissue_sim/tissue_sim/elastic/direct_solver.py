@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import SuperLU, splu
 
+from tissue_sim.elastic.factorisation import factorised
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import EditChange
 
@@ -136,14 +136,6 @@ def _entries(
     first = np.repeat(stiffness.rows.start[nodes].astype(np.int64), degree)
     places = first + np.arange(len(first)) - np.repeat(np.cumsum(degree) - degree, degree)
     return np.repeat(np.arange(len(nodes)), degree), places
-
-
-def factorised(K: csr_matrix) -> SuperLU:
-    """Factors of a symmetric positive definite matrix."""
-    return splu(
-        K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )  # fmt: skip
 
 
 def dofs_of(nodes: NDArray[np.integer]) -> NDArray[np.int64]:

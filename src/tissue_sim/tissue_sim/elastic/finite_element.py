@@ -138,9 +138,9 @@ class FiniteElement(MeshModel):
         return known and not any(self._solver.active)
 
     @property
-    def coarse_unknowns(self) -> int:
-        """Unknowns of the coarse part of the preconditioner."""
-        return self._solver.coarse_unknowns
+    def coarse_bytes(self) -> int:
+        """Memory that the coarse part of the preconditioner reads in an iteration at least."""
+        return self._solver.coarse_bytes
 
     def step(self, state: State) -> None:
         """One iteration of every lane that has work. Modifies the state in place."""

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from tissue_sim.elastic.direct_solver import dofs_of, factorised, refuse_loose, rows_of
+from tissue_sim.elastic.direct_solver import dofs_of, refuse_loose, rows_of
+from tissue_sim.elastic.factorisation import factorised
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import EditChange
 

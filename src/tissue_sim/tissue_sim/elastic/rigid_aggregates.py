@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
+from scipy.sparse import bsr_matrix, csr_matrix, eye_array
 
+from tissue_sim.elastic.block_factors import BlockFactors
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.kernels.aggregates import farthest_points, spread_labels
-from tissue_sim.kernels.conjugate_lanes import coarse_product as lanes_product
-from tissue_sim.kernels.stiffness import Aggregates, aggregate_stiffness, coarse_product
+from tissue_sim.kernels.lanes import LANES
+from tissue_sim.kernels.stiffness import Aggregates, aggregate_stiffness
 
-NODES_EACH = 40
-"""Nodes of an aggregate of a small organ."""
+EXPONENT = 0.6
+"""Of the number of nodes, for the number of aggregates: 600 on an organ of 40,000 nodes."""
 
-MOST = 300
-"""Most aggregates: their dense inverse is read once an iteration."""
+MOST = 1500
+"""Most aggregates: their factor is read twice an iteration, and made when the model is built."""
 
 
 class RigidAggregates:
-    """Aggregates of nodes, their rigid motions Z and the inverse of Z^T K Z.
+    """Aggregates of nodes, their rigid motions Z and the factors of Z^T K Z.
 
     Added to the inverse diagonal blocks they make a two-level additive preconditioner: the blocks
     see what is local, the aggregates what moves far. It stays as it was made under edits and holds,
@@ -41,7 +42,7 @@ class RigidAggregates:
         self.label = np.full(mesh.node_capacity, -1, dtype=np.int32)
         self.arms = np.zeros((mesh.node_capacity, 3), dtype=dtype)
         anchored = self._anchored(stiffness)
-        aggregates = min(MOST, int(anchored.sum()) // NODES_EACH)
+        aggregates = min(MOST, round(float(anchored.sum()) ** EXPONENT))
         if aggregates > 1:
             rows = np.flatnonzero(anchored).astype(np.int32)
             seeds = farthest_points(mesh.rest, rows, aggregates)
@@ -51,11 +52,17 @@ class RigidAggregates:
         else:
             aggregates = 0
         self._measure_arms(mesh.rest, aggregates)
-        E = np.zeros((6 * aggregates, 6 * aggregates))
-        aggregate_stiffness(count, stiffness.rows, mesh.fixed, self.arrays, E)
-        self._inverse = _inverse_of(E).astype(dtype)
+        self._count = aggregates
+        self._factors = self._factorise(stiffness) if aggregates else None
+        self._force = np.zeros((aggregates, 6, LANES), dtype=dtype)
+        self._motion = np.zeros_like(self._force)
         self.force = np.zeros((aggregates, 6))
         self.motion = np.zeros((aggregates, 6), dtype=dtype)
+
+    @property
+    def bytes(self) -> int:
+        """Memory that a solution reads at least."""
+        return self._factors.bytes if self._factors is not None else 0
 
     @property
     def arrays(self) -> Aggregates:
@@ -86,15 +93,38 @@ class RigidAggregates:
         length = np.sqrt(spread / sizes[:, 0]).clip(min=1e-12)
         self.arms[members] = arms / length[label][:, None]
 
+    def _factorise(self, stiffness: Stiffness) -> BlockFactors:
+        mesh, arrays = stiffness.springs.mesh, stiffness.springs.arrays
+        degree = arrays.degree[: mesh.node_rows].astype(np.int64)
+        begin = np.repeat(arrays.start[: mesh.node_rows] - (np.cumsum(degree) - degree), degree)
+        ends = np.repeat(np.arange(mesh.node_rows), degree), begin + np.arange(degree.sum())
+        first, second = self.label[ends[0]], self.label[arrays.neighbour[ends[1]]]
+        both = (first >= 0) & (second >= 0)
+        shape = (self._count, self._count)
+        joined = csr_matrix((np.ones(both.sum()), (first[both], second[both])), shape)
+        joined = csr_matrix(joined + eye_array(self._count))
+        joined.sort_indices()
+        blocks = np.zeros((joined.nnz, 6, 6))
+        aggregate_stiffness(
+            mesh.node_rows, stiffness.rows, mesh.fixed, self.arrays, joined.indptr, joined.indices,
+            blocks,
+        )  # fmt: skip
+        E = bsr_matrix((blocks, joined.indices, joined.indptr)).tocsr()
+        E = 0.5 * (E + E.T)
+        # An aggregate of one node or of nodes in a line has motions that move nothing.
+        E += 1e-9 * E.diagonal().mean() * eye_array(E.shape[0])
+        return BlockFactors(bsr_matrix(E, blocksize=(6, 6)), stiffness.springs.dtype)
+
     def solve(self) -> None:
         """What the aggregates do about the forces on them."""
-        if len(self.force):
-            coarse_product(self._inverse, self.force.ravel(), self.motion.ravel())
+        self._force[:, :, 0] = self.force
+        self.solve_lanes(self._force, self._motion)
+        self.motion[:] = self._motion[:, :, 0]
 
     def solve_lanes(self, force: NDArray[np.floating], motion: NDArray[np.floating]) -> None:
         """What the aggregates do about several sets of forces, shape (count, 6, 4) each."""
-        unknowns = (len(self._inverse), 1, force.shape[2])
-        lanes_product(self._inverse, force.reshape(unknowns), motion.reshape(unknowns))
+        if self._factors is not None:
+            self._factors.solve(force, motion)
 
     def follow(self, copied: NDArray[np.int32], parents: NDArray[np.int32], capacity: int) -> None:
         """Copies join the aggregates of their parents."""
@@ -104,16 +134,3 @@ class RigidAggregates:
             self.arms = np.concatenate([self.arms, np.zeros((extra, 3), self.arms.dtype)])
         self.label[copied] = self.label[parents]
         self.arms[copied] = self.arms[parents]
-
-
-def _inverse_of(E: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of a symmetric positive definite matrix, some of whose rows may be zero."""
-    if not len(E):
-        return E
-    # An aggregate of one node or of nodes in a line has motions that move nothing.
-    scale = np.trace(E) / len(E)
-    E = E + 1e-9 * scale * np.eye(len(E))
-    inverse: NDArray[np.float64] = scipy.linalg.cho_solve(
-        scipy.linalg.cho_factor(E), np.eye(len(E))
-    )
-    return (inverse + inverse.T) / 2

@@ -137,38 +137,6 @@ def advance_solutions(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def coarse_product(
-    matrix: NDArray[np.floating], b: NDArray[np.floating], y: NDArray[np.floating]
-) -> None:
-    """Y = A b with a dense symmetric matrix.
-
-    Args:
-        matrix: A, shape (unknowns, unknowns).
-        b: Shape (unknowns, 1, 4).
-        y: Written, shape (unknowns, 1, 4).
-    """
-    size = len(matrix)
-    zero = y.dtype.type(0)
-    zeros = (zero, zero, zero, zero)
-    for i in range(0, size - 5, 6):
-        y0 = y1 = y2 = y3 = y4 = y5 = zeros
-        for j in range(size):
-            v = load(b, j, 0)
-            y0 = add_scaled(y0, matrix[i, j], v)
-            y1 = add_scaled(y1, matrix[i + 1, j], v)
-            y2 = add_scaled(y2, matrix[i + 2, j], v)
-            y3 = add_scaled(y3, matrix[i + 3, j], v)
-            y4 = add_scaled(y4, matrix[i + 4, j], v)
-            y5 = add_scaled(y5, matrix[i + 5, j], v)
-        store(y, i, 0, y0)
-        store(y, i + 1, 0, y1)
-        store(y, i + 2, 0, y2)
-        store(y, i + 3, 0, y3)
-        store(y, i + 4, 0, y4)
-        store(y, i + 5, 0, y5)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def precondition(
     count: int,
     prescribed: NDArray[np.bool_],

@@ -344,18 +344,6 @@ def add_coarse(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def coarse_product(
-    matrix: NDArray[np.floating], b: NDArray[np.float64], y: NDArray[np.floating]
-) -> None:
-    """Y = A b with a dense symmetric matrix, row after row. Writes `y`."""
-    y[:] = 0
-    for j in range(0, len(b) - len(b) % 2, 2):
-        first, second = matrix.dtype.type(b[j]), matrix.dtype.type(b[j + 1])
-        for i in range(len(y)):
-            y[i] += first * matrix[j, i] + second * matrix[j + 1, i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def next_direction(
     count: int, beta: float, z: NDArray[np.floating], p: NDArray[np.floating]
 ) -> None:
@@ -372,11 +360,21 @@ def aggregate_stiffness(
     rows: BlockRows,
     fixed: NDArray[np.bool_],
     aggregates: Aggregates,
+    start: NDArray[np.int32],
+    column: NDArray[np.int32],
     out: NDArray[np.float64],
 ) -> None:
     """Z^T K Z for the rigid motions Z of the aggregates, with the fixed nodes left out.
 
-    Adds to `out`, shape (6 aggregates, 6 aggregates).
+    Args:
+        count: Rows of nodes.
+        rows: K.
+        fixed: Nodes to leave out.
+        aggregates: Parts that move as rigid bodies.
+        start: First block of each aggregate, shape (aggregates + 1,).
+        column: The other aggregate of each block, ascending within an aggregate; there is one for
+            each edge between two aggregates.
+        out: The blocks, shape (len(column), 6, 6); added to.
     """
     aggregate, arms = aggregates
     left, right = np.zeros((6, 3)), np.zeros((6, 3))
@@ -404,20 +402,29 @@ def aggregate_stiffness(
                         + left[a, 1] * rows.blocks[place, 3 + c]
                         + left[a, 2] * rows.blocks[place, 6 + c]
                     )
-            _add_block(half, right, g, h, out)
+            _add_block(half, right, out[_block_of(g, h, start, column)])
         for a in range(6):
             for c in range(3):
                 half[a, c] = (
                     left[a, 0] * total[0, c] + left[a, 1] * total[1, c] + left[a, 2] * total[2, c]
                 )
-        _add_block(half, left, g, g, out)
+        _add_block(half, left, out[_block_of(g, g, start, column)])
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _add_block(half, right, g, h, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _block_of(g, h, start, column):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Place of the block of two aggregates."""
+    place = np.int64(start[g])
+    while column[place] != h:
+        place += 1
+    return place
+
+
+@njit(inline="always", error_model="numpy", fastmath=FAST)
+def _add_block(half, right, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     for a in range(6):
         for b in range(6):
-            out[6 * g + a, 6 * h + b] += (
+            out[a, b] += (
                 half[a, 0] * right[b, 0] + half[a, 1] * right[b, 1] + half[a, 2] * right[b, 2]
             )
 
