@@ -272,18 +272,37 @@ def test_what_was_known_before_a_cut_is_where_the_solution_starts_from() -> None
     mesh = block_mesh(11)
     model, state = exact(mesh, tolerance=1e-4)
     held = hold(model, state, ball(mesh, np.array([0.06, 0.03, 0.06]), 0.015), mesh)
-    state.displacement[held] = [0.004, 0, 0]
-    settle(model, state)
+    for move in ([0.004, 0, 0], [0.004, 0.003, 0]):
+        state.displacement[held] = move
+        settle(model, state)
     apply(mesh, model, state, split_edit(mesh, 0.012, above=0.047))
     settle(model, state)
-    state.displacement[held] = [0.006, 0, 0]
+    state.displacement[held] = [0.004, -0.003, 0]
     from_known = settle(model, state)
     compare_loosely(mesh, model, state)
     model.prescribed_changed(state, held)
     settle(model, state)
-    state.displacement[held] = [0.004, 0, 0]
+    state.displacement[held] = [0.004, 0.003, 0]
     from_nothing = settle(model, state)
     assert from_known < 0.9 * from_nothing
+
+
+def test_what_is_left_of_the_forces_shrinks_as_a_hold_goes_back_to_rest() -> None:
+    mesh = block_mesh(9)
+    model, state = build("finite_element", mesh)
+    assert isinstance(model, FiniteElement)
+    held = hold(model, state, top_ball(mesh), mesh)
+    state.displacement[held] = [0.004, 0.002, 0.003]
+    settle(model, state)
+    # Another grab of the same nodes, far from rest.
+    model.prescribed_changed(state, held)
+    settle(model, state)
+    free = np.flatnonzero(~state.prescribed[: mesh.node_rows]).astype(np.int32)
+    for share in (1.0, 1e-1, 1e-2, 1e-3):
+        state.displacement[held] = share * np.array([0.004, 0.002, 0.003])
+        assert settle(model, state) == 1
+        forces = np.linalg.norm(model.forces(state, held))
+        assert np.linalg.norm(model.forces(state, free)) < 3e-4 * forces
 
 
 def compare_loosely(mesh: Mesh, model: FiniteElement, state: State) -> None:

@@ -278,13 +278,14 @@ def test_the_energy_only_falls_while_the_tool_stands_still() -> None:
     frame_of(simulation, moved((0, 0, 0)), 1)
     pose = moved((4e-3, 0, 6e-3), (0, 0.1, 0))
     frames(simulation, moved((1e-3, 2e-3, 1e-3), (0.1, 0, 0.1)), 60)
-    frame_of(simulation, pose)
-    energies = []
+    # The tool is there already, the tissue has not noticed yet.
+    simulation.poses["grasper"] = pose
+    energies = [energy_of(simulation)]
     for _ in range(60):
         frame_of(simulation, pose)
         energies.append(energy_of(simulation))
     assert np.diff(energies).max() < 1e-5 * energies[0]
-    assert energies[-1] < energies[0]
+    assert energies[-1] < 0.9 * energies[0]
 
 
 @pytest.mark.parametrize("model", ALL)

@@ -286,9 +286,10 @@ class FiniteElement(MeshModel):
         """Where the response to a motion that is new begins; see `Model`.
 
         Known responses are exact. While others are being solved for, the shape on show is not one
-        that a further one could begin from.
+        that a further one could begin from. What is known from before an edit is a better start.
         """
         known = self._corrected and Work.RESPONSE not in self._work
+        known &= not self.responses.remembers or self._guessed
         if known:
             rows = self.mesh.node_rows
             nodes = self._all.view(np.uint32)
@@ -320,7 +321,8 @@ class FiniteElement(MeshModel):
         self._prescribed = np.flatnonzero(state.prescribed[:rows]).astype(np.int32)
         for lane in range(LANES):
             self._leave(lane)
-        self._corrected = False
+        # Seen from rest, the present shape is the first guess of the first motion's response.
+        self._corrected = self._guessed = self.responses.from_rest
         self._foresees = bool(self.values["foresight"])
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -34,6 +34,9 @@ AFFINE_MOTIONS = 3 + len(LINEAR_MOTIONS)
 MOST = 48
 """Most responses kept: twelve span the rigid motions of a hold, and several holds may move."""
 
+FAR = 0.1
+"""Largest displacement of a held node over that of any node from which all is seen from rest."""
+
 
 class Responses:
     """Orthonormal motions of the held nodes met so far, and the solution for each.
@@ -45,13 +48,16 @@ class Responses:
         used: Motions whose response is known.
         pending: Lane of each pending motion.
         changed: Whether the last call of `follow_motion` changed `sum`.
+        from_rest: Whether motions are those from rest: there is no base then, and what is left of
+            the forces shrinks with them. Otherwise they are those since the last change of what is
+            held, beside a base that may be anything.
         sum: Base and known responses at their present shares [m], shape (node_capacity, 3).
         guess: First guess of the response of the motion that began last, shape (node_capacity, 3).
     """
 
     def __init__(self, capacity: int, dtype: type[np.floating]) -> None:
         """Begin with nothing held."""
-        self.used, self.changed = 0, False
+        self.used, self.changed, self.from_rest = 0, False, False
         self.pending: list[int] = []
         self.sum = np.zeros((capacity, 3), dtype=dtype)
         self.guess = np.zeros((capacity, 3), dtype=dtype)
@@ -83,6 +89,11 @@ class Responses:
         """Whether the places that are left should be kept for motions that occur."""
         return self.used + len(self.pending) >= MOST - LANES
 
+    @property
+    def remembers(self) -> bool:
+        """Whether responses from before an edit are known."""
+        return self._old_count > 0
+
     def share_of(self, lane: int) -> float:
         """Share of a pending motion in the present pose [m]."""
         return float(self._shares[self.used + self.pending.index(lane)])
@@ -96,7 +107,7 @@ class Responses:
         return lane if left > 4.0 * abs(self.share_of(lane)) else None
 
     def restart(self, state: State, held: NDArray[np.int32], patches: NDArray[np.int32]) -> None:
-        """Begin anew from the present shape, which is kept whatever it is.
+        """Begin anew from the present shape.
 
         Args:
             state: Displacements.
@@ -108,9 +119,12 @@ class Responses:
 
     def restart_at(self, state: State) -> None:
         """Begin anew from the present shape, with the same nodes held."""
-        self._base[:] = state.displacement
-        self.sum[:] = state.displacement
-        self._origin[:] = state.displacement[self._held]
+        shape = state.displacement
+        far = np.abs(shape[self._held]).max(initial=0.0)
+        self.from_rest = bool(far > FAR * np.abs(shape).max())
+        self._base[:] = 0.0 if self.from_rest else shape
+        self.sum[:] = self._base
+        self._origin[:] = self._base[self._held]
         self._shares[:] = 0.0
         self._proposed[:] = 0
         self.used, self.pending = 0, []
@@ -213,7 +227,7 @@ class Responses:
     def improve_guess(self, lane: int, shape: NDArray[np.floating], rows: int) -> None:
         """Start the response that has just begun from a shape somebody guesses for this pose.
 
-        Modifies `guess` in place. What is known from before an edit is a better start.
+        Modifies `guess` in place.
 
         Args:
             lane: Lane of the solver that works on it.
@@ -221,7 +235,7 @@ class Responses:
             rows: Nodes in use.
         """
         share = self.share_of(lane)
-        if self._old_count or share == 0.0:
+        if share == 0.0:
             return
         np.subtract(shape[:rows], self.sum[:rows], out=self.guess[:rows])
         self.guess[:rows] /= self.guess.dtype.type(share)
