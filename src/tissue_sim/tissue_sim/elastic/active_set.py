@@ -92,6 +92,8 @@ class ActiveSet:
         self.lingering.member[self.ordering.nodes[: self.end]] = True
         released = np.setdiff1d(self._held, held)
         self._held = held.astype(np.int32)
+        if self.lingering.homing is not None:
+            self.lingering.homing.begin(free=not len(held))
         if len(held) or not self._has_ordering:
             self.ordering.search(self._held, state.prescribed)
             self._has_ordering = bool(len(held))
@@ -182,7 +184,8 @@ class ActiveSet:
         if self.end:
             return
         _, step = self._largest(state, self.ordering.nodes, self.ordering.used)
-        if step > self._tolerance:
+        homing = self.lingering.homing
+        if step > self._tolerance or (homing is not None and homing.is_away(state)):
             self.lingering.choose(state, self.ordering, 0)
 
     def residual(self, state: State) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.homing import Homing
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.node_sweeps import sweep_with_momentum
 from tissue_sim.elastic.ordering import NodeOrdering
@@ -38,6 +39,7 @@ class Lingering:
         count: How many linger.
         member: Whether a node lingers, shape (node_capacity,).
         elsewhere: Where displaced nodes may join by themselves, shape (node_capacity,).
+        homing: Brings sheets home; None for tetrahedra.
     """
 
     def __init__(self, springs: SpringNetwork, momentum: float, joins: bool) -> None:
@@ -49,6 +51,7 @@ class Lingering:
             joins: Whether displaced nodes of `elsewhere` join later on.
         """
         self.springs, self._joins = springs, joins
+        self.homing = Homing.of(springs)
         self._momentum = springs.dtype(momentum)
         self.count = self._sweeps = self._since_flip = self._visited = 0
         self._flipping = 0
@@ -137,6 +140,8 @@ class Lingering:
         if self._joins and self._sweeps % WIDEN_EVERY == 0:
             self.choose(state, order, begin)
         begin, end = self._next_part()
+        if self.homing is not None:
+            self.homing.draw(state, self.nodes, begin, end, self._last_move)
         moved = sweep_with_momentum(
             self.springs, self.nodes, begin, end, state, step, self._momentum, self._last_move
         )
