@@ -9,11 +9,16 @@ nodes, one between odd nodes, and four short edges.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 LONG_DIRECTIONS = 6
+
+MOST_NODES = 50_000_000
+"""Lattice nodes in a box, at most; a node takes some 150 bytes."""
 _SHORT = ((1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1))
 
 
@@ -100,22 +105,22 @@ LINK_TRIANGLES, LINK_EDGES = _link()
 
 @dataclass(frozen=True)
 class BccLattice:
-    """All lattice nodes in a box.
+    """Lattice nodes in a box.
 
     Attributes:
         origin: Place of the node with coordinates (0, 0, 0) [m], shape (3,).
         cell: Edge length of the cubes, the length of a long edge [m].
         coordinates: Integer coordinates, ordered lexicographically, shape (node_count, 3).
-        neighbours: Row of the neighbour in each direction, -1 outside the box,
+        neighbours: Row of the neighbour in each direction, -1 where there is none,
             shape (node_count, 14).
     """
 
     origin: NDArray[np.float64]
     cell: float
-    coordinates: NDArray[np.int64]
-    neighbours: NDArray[np.int64]
+    coordinates: NDArray[np.int32]
+    neighbours: NDArray[np.int32]
 
-    @property
+    @cached_property
     def points(self) -> NDArray[np.float64]:
         """Node positions [m], shape (node_count, 3)."""
         return np.asarray(self.origin + self.coordinates * (0.5 * self.cell))
@@ -130,20 +135,80 @@ def bcc_lattice(lower: NDArray[np.float64], upper: NDArray[np.float64], cell: fl
         cell: Length of a long edge [m].
 
     Raises:
-        ValueError: The box is empty or the cell is not positive.
+        ValueError: The box is empty, the cell is not positive, or there are too many nodes.
     """
     if not cell > 0.0:
         raise ValueError(f"cell is {cell}, it must be a positive length in metres")
     if not np.all(upper > lower):
         raise ValueError(f"the box from {lower} to {upper} is empty, upper must exceed lower")
-    size = 2 * np.ceil((upper - lower) / cell).astype(np.int64) + 1
-    axes = np.meshgrid(*(np.arange(s) for s in size), indexing="ij")
-    grid = np.stack([axis.ravel() for axis in axes], axis=1)
-    parity = grid & 1
-    coordinates = grid[(parity[:, 0] == parity[:, 1]) & (parity[:, 1] == parity[:, 2])]
-    row = np.full(tuple(size + 4), -1, dtype=np.int64)
-    row[tuple((coordinates + 2).T)] = np.arange(len(coordinates))
-    neighbours = np.empty((len(coordinates), 14), dtype=np.int64)
-    for direction, step in enumerate(DIRECTIONS):
-        neighbours[:, direction] = row[tuple((coordinates + 2 + step).T)]
+    cells = np.ceil((upper - lower) / cell).astype(np.int64)
+    count = int(np.prod(cells + 1) + np.prod(cells))
+    if count > MOST_NODES:
+        raise ValueError(
+            f"a lattice of {count:,} nodes is too large, at most {MOST_NODES:,} are allowed: use a "
+            f"larger cell than {cell} m"
+        )
+    coordinates = np.empty((count, 3), dtype=np.int32)
+    neighbours = np.empty((count, 14), dtype=np.int32)
+    _number(cells, DIRECTIONS, coordinates, neighbours)
     return BccLattice(np.asarray(lower, dtype=np.float64), float(cell), coordinates, neighbours)
+
+
+@njit(cache=True)
+def _row(x: int, y: int, z: int, cells: NDArray[np.int64]) -> int:
+    """Place of a node in lexicographic order, of odd nodes between the even ones; -1 outside."""
+    odd = x & 1
+    if min(x, y, z) < 0 or x > 2 * cells[0] or y > 2 * cells[1] or z > 2 * cells[2]:
+        return -1
+    even_plane, odd_plane = (cells[1] + 1) * (cells[2] + 1), cells[1] * cells[2]
+    before = (x + odd) // 2 * even_plane + x // 2 * odd_plane
+    return int(before + y // 2 * (cells[2] + 1 - odd) + z // 2)
+
+
+@njit(cache=True)
+def _number(
+    cells: NDArray[np.int64],
+    directions: NDArray[np.int64],
+    coordinates: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+) -> None:
+    """Write coordinates and neighbours of a box's nodes, in lexicographic order."""
+    node = 0
+    for x in range(2 * cells[0] + 1):
+        for y in range(x & 1, 2 * cells[1] + 1, 2):
+            for z in range(x & 1, 2 * cells[2] + 1, 2):
+                coordinates[node, 0], coordinates[node, 1], coordinates[node, 2] = x, y, z
+                for d in range(len(directions)):
+                    dx, dy, dz = directions[d, 0], directions[d, 1], directions[d, 2]
+                    neighbours[node, d] = _row(x + dx, y + dy, z + dz, cells)
+                node += 1
+
+
+@njit(cache=True)
+def _spread(neighbours: NDArray[np.int32], marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Nodes that are marked or next to one that is."""
+    wider = marked.copy()
+    for node in range(len(marked)):
+        if marked[node]:
+            for other in neighbours[node]:
+                if other >= 0:
+                    wider[other] = True
+    return wider
+
+
+def near_nodes(lattice: BccLattice, inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Rows of the nodes that stuffing looks at: inside, or up to two edges from there.
+
+    A node next to the inside may become part of the tissue; those beyond are then its outside.
+    """
+    near = _spread(lattice.neighbours, _spread(lattice.neighbours, inside))
+    return np.flatnonzero(near)
+
+
+def part_of(lattice: BccLattice, rows: NDArray[np.int64]) -> BccLattice:
+    """The lattice with some of its nodes only, in the same order; `rows` ascending."""
+    new_row = np.full(len(lattice.coordinates) + 1, -1, dtype=np.int32)
+    new_row[rows] = np.arange(len(rows), dtype=np.int32)
+    return BccLattice(
+        lattice.origin, lattice.cell, lattice.coordinates[rows], new_row[lattice.neighbours[rows]]
+    )

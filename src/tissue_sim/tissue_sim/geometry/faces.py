@@ -5,10 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 LOCAL_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 """Corners of the face opposite each corner, outward for a positive tetrahedron, shape (4, 3)."""
+
+_MANY = 64
+"""Triples of one first node beyond which they are merged rather than inserted one by one."""
 
 
 class FacePairs(NamedTuple):
@@ -56,9 +60,36 @@ def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
 def order_of_triples(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Stable lexicographic order of node triples, shape (n, 3) -> (n,)."""
     span = int(nodes.max(initial=0)) + 1
-    if span < 1 << 21:
-        return np.argsort((nodes[:, 0] * span + nodes[:, 1]) * span + nodes[:, 2], kind="stable")
+    if span < 1 << 31 and span < 4 * len(nodes) + 1024 and nodes.min(initial=0) >= 0:
+        return np.asarray(_order_of_triples(np.ascontiguousarray(nodes), span))
     return np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0]))
+
+
+@njit(cache=True, nogil=True)
+def _order_of_triples(nodes: NDArray[np.int64], span: int) -> NDArray[np.int64]:
+    """Count the triples at each first node, then sort the few that share it."""
+    begin = np.zeros(span + 1, dtype=np.int64)
+    for item in range(len(nodes)):
+        begin[nodes[item, 0] + 1] += 1
+    begin = np.cumsum(begin)
+    order, place = np.empty(len(nodes), dtype=np.int64), begin.copy()
+    keys = np.empty(len(nodes), dtype=np.int64)
+    for item in range(len(nodes)):
+        at = place[nodes[item, 0]]
+        order[at], keys[at] = item, nodes[item, 1] * span + nodes[item, 2]
+        place[nodes[item, 0]] += 1
+    for node in range(span):
+        first, last = begin[node], begin[node + 1]
+        if last - first > _MANY:
+            order[first:last] = order[first:last][np.argsort(keys[first:last], kind="mergesort")]
+            continue
+        for at in range(first + 1, last):
+            key, item = keys[at], order[at]
+            while at > first and keys[at - 1] > key:
+                keys[at], order[at] = keys[at - 1], order[at - 1]
+                at -= 1
+            keys[at], order[at] = key, item
+    return order
 
 
 def turns_alike(

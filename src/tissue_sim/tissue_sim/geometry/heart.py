@@ -25,10 +25,11 @@ from tissue_sim.geometry.heart_shape import (
     ASD_RADIUS,
     MILLIMETRE,
     VSD_RADIUS,
-    HeartParts,
-    heart_parts,
+    Blood,
+    heart_blood,
+    heart_tissue,
 )
-from tissue_sim.geometry.implicit import half_space, tube
+from tissue_sim.geometry.implicit import by_neighbourhood, half_space, tube
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.stuffing import stuff
 
@@ -81,13 +82,15 @@ def heart_mesh(
             raise ValueError(f"{name} is {radius} m, it must be from 0 to {LARGEST_DEFECT} m")
 
     def tissue(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return heart_parts(points, asd_radius, vsd_radius).tissue * MILLIMETRE
+        return by_neighbourhood(
+            lambda some: heart_tissue(some, asd_radius, vsd_radius) * MILLIMETRE, points
+        )
 
     mesh = stuff(tissue, LOWER_CORNER * MILLIMETRE, UPPER_CORNER * MILLIMETRE, cell)
     points = _from_nanometres(np.rint(mesh.points * _NANOMETRE).astype(np.int32))
     tetrahedra = mesh.tetrahedra.astype(np.int64)
     centroids = points[tetrahedra].sum(axis=1) / 4.0
-    regions = _regions(heart_parts(centroids, 0.0, 0.0))
+    regions = by_neighbourhood(lambda some: _regions(heart_blood(some)), centroids)
     return RawMesh(
         points=points,
         tetrahedra=tetrahedra,
@@ -150,26 +153,26 @@ def _from_nanometres(points: NDArray[np.int32]) -> NDArray[np.float64]:
     return points.astype(np.float64) / _NANOMETRE
 
 
-def _regions(parts: HeartParts) -> NDArray[np.int32]:
+def _regions(blood: Blood) -> NDArray[np.int32]:
     """Give each place the region of the pool whose wall it most likely belongs to."""
     depth = {
-        "left ventricle": parts.left["left ventricle"] - 1.5,
-        "right ventricle": parts.right["right ventricle"],
-        "left atrium": parts.left["left atrium"],
-        "right atrium": parts.right["right atrium"],
-        "aorta": parts.left["aorta"],
-        "pulmonary artery": parts.right["pulmonary artery"],
-        "veins": parts.veins - 0.4,
+        "left ventricle": blood.left["left ventricle"] - 1.5,
+        "right ventricle": blood.right["right ventricle"],
+        "left atrium": blood.left["left atrium"],
+        "right atrium": blood.right["right atrium"],
+        "aorta": blood.left["aorta"],
+        "pulmonary artery": blood.right["pulmonary artery"],
+        "veins": blood.veins - 0.4,
     }
     labels = {name: label for label, name in REGIONS.items()}
     names = list(depth)
     nearest = np.argmin(np.stack([depth[name] for name in names]), axis=0)
     region = np.array([labels[name] for name in names], dtype=np.int32)[nearest]
-    between_ventricles = (parts.left["left ventricle"] < SEPTUM + 1.0) & (
-        parts.right["right ventricle"] < SEPTUM + 1.0
+    between_ventricles = (blood.left["left ventricle"] < SEPTUM + 1.0) & (
+        blood.right["right ventricle"] < SEPTUM + 1.0
     )
-    between_atria = (parts.left["left atrium"] < BETWEEN_POOLS + 1.2) & (
-        parts.right["right atrium"] < BETWEEN_POOLS + 1.2
+    between_atria = (blood.left["left atrium"] < BETWEEN_POOLS + 1.2) & (
+        blood.right["right atrium"] < BETWEEN_POOLS + 1.2
     )
     ventricular = (region == labels["left ventricle"]) | (region == labels["right ventricle"])
     atrial = (region == labels["left atrium"]) | (region == labels["right atrium"])

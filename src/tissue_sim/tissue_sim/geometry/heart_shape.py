@@ -58,22 +58,22 @@ VSD_RADIUS = 2.6e-3
 
 
 @dataclass(frozen=True)
-class HeartParts:
-    """Signed distances of the heart's parts at some points [mm], each of shape (n,).
+class Blood:
+    """Signed distances of the blood pools at some points [mm], each of shape (n,).
 
     Attributes:
         left: Blood of "left ventricle", "left atrium" and "aorta", defects not included.
         right: Blood of "right ventricle", "right atrium" and "pulmonary artery".
         veins: Blood in the venae cavae and pulmonary veins, which is also in the atria's.
-        outer: Everything within the outer surface.
-        tissue: The heart itself.
+        drawn: Chambers before they give way to each other.
+        openings: The mitral and the tricuspid opening.
     """
 
     left: dict[str, Distances]
     right: dict[str, Distances]
     veins: Distances
-    outer: Distances
-    tissue: Distances
+    drawn: dict[str, Distances]
+    openings: Distances
 
 
 def _left_ventricle(points: Points) -> Distances:
@@ -205,15 +205,11 @@ def _defects(points: Points, asd_radius: float, vsd_radius: float) -> list[Dista
     return defects
 
 
-def heart_parts(
-    points: Points, asd_radius: float = ASD_RADIUS, vsd_radius: float = VSD_RADIUS
-) -> HeartParts:
-    """Evaluate the heart's signed distances.
+def heart_blood(points: Points) -> Blood:
+    """Evaluate the signed distances of the blood pools, septal defects not included.
 
     Args:
         points: Places [m], shape (n, 3).
-        asd_radius: Radius of the atrial septal defect [m], zero for an intact septum.
-        vsd_radius: Radius of the ventricular septal defect [m], zero for an intact septum.
 
     Returns:
         Distances in millimetres.
@@ -231,9 +227,27 @@ def heart_parts(
     tricuspid = capsule(place, (-1.0, -11.0, 7.0), (6.0, -6.0, -5.0), 4.8)
     left = _left_pool(drawn, vessels, mitral)
     right = _right_pool(drawn, vessels, tricuspid, left)
-    outer = _outer_surface(place, drawn, np.minimum(mitral, tricuspid))
-    blood = np.minimum(union(left.values(), 0.8), union(right.values(), 0.8))
+    veins = np.minimum(vessels["pulmonary veins"], vessels["venae cavae"])
+    return Blood(left, right, veins, drawn, np.minimum(mitral, tricuspid))
+
+
+def heart_tissue(
+    points: Points, asd_radius: float = ASD_RADIUS, vsd_radius: float = VSD_RADIUS
+) -> Distances:
+    """Evaluate the signed distance of the heart itself.
+
+    Args:
+        points: Places [m], shape (n, 3).
+        asd_radius: Radius of the atrial septal defect [m], zero for an intact septum.
+        vsd_radius: Radius of the ventricular septal defect [m], zero for an intact septum.
+
+    Returns:
+        Distances in millimetres, shape (n,).
+    """
+    place = np.asarray(points, dtype=np.float64) / MILLIMETRE
+    pools = heart_blood(points)
+    outer = _outer_surface(place, pools.drawn, pools.openings)
+    blood = np.minimum(union(pools.left.values(), 0.8), union(pools.right.values(), 0.8))
     blood = union([blood, *_defects(place, asd_radius / MILLIMETRE, vsd_radius / MILLIMETRE)], 1.0)
     blood = carve(blood, _papillary_muscles(place), 1.0)
-    veins = np.minimum(vessels["pulmonary veins"], vessels["venae cavae"])
-    return HeartParts(left, right, veins, outer, carve(outer, blood, 0.8))
+    return carve(outer, blood, 0.8)

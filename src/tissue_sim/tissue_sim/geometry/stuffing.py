@@ -32,11 +32,13 @@ from tissue_sim.geometry.bcc_lattice import (
     LONG_DIRECTIONS,
     BccLattice,
     bcc_lattice,
+    near_nodes,
+    part_of,
 )
 from tissue_sim.geometry.stuffing_pinches import mend_pinches
 from tissue_sim.geometry.stuffing_stencils import fill
 
-Integers = NDArray[np.int64]
+Rows = NDArray[np.int32]
 Reals = NDArray[np.float64]
 Signs = NDArray[np.int8]
 Implicit = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -47,6 +49,9 @@ WARP_SHORT = 0.41189
 """A cut closer to a node than this share of the edge moves the node (Labelle and Shewchuk)."""
 
 _ROOT_STEPS = 12
+
+_STILL = 1e-13
+"""A root that a step moves by no more than this share of the edge is found."""
 
 
 class StuffedMesh(NamedTuple):
@@ -77,8 +82,8 @@ def stuff(
         lower: Lower corner of a box around the shape [m].
         upper: Upper corner of the box [m].
         cell: Length of the lattice's long edges [m], the mesh's element size.
-        root_steps: Evaluations to find where an edge passes through the surface; a true distance,
-            which is nearly linear along an edge, needs few.
+        root_steps: Evaluations, at most, to find where an edge passes through the surface; a true
+            distance, which is nearly linear along an edge, needs few.
 
     Returns:
         The mesh; the same input gives the same bits.
@@ -90,9 +95,11 @@ def stuff(
     lattice = bcc_lattice(np.asarray(lower, float), np.asarray(upper, float), cell)
     values = np.asarray(distance(lattice.points), dtype=np.float64)
     _check_values(values, lattice)
+    near = near_nodes(lattice, values < 0.0)
+    lattice, values = part_of(lattice, near), values[near]
     sign = np.where(values < 0.0, 1, -1).astype(np.int8)
     fractions = _cut_fractions(distance, lattice, values, sign, root_steps)
-    positions = lattice.points
+    positions = lattice.points.copy()
     _warp(lattice.neighbours, DIRECTIONS * (0.5 * lattice.cell), fractions, sign, positions)
     mended = mend_pinches(lattice.neighbours, values < 0.0, sign)
     positions[mended] = lattice.points[mended]
@@ -153,14 +160,19 @@ def _roots(
     at_end: NDArray[np.float64],
     steps: int,
 ) -> NDArray[np.float64]:
-    """Bracketed roots on segments by the Illinois rule, a fixed number of steps for all."""
+    """Bracketed roots on segments by the Illinois rule, until they stand still."""
+    shares = np.zeros(len(start))
     low, high = np.zeros(len(start)), np.ones(len(start))
     f_low, f_high = at_start.copy(), at_end.copy()
     last_side = np.zeros(len(start), dtype=np.int8)
-    share = low
-    for _ in range(steps if len(start) else 0):
+    rows = np.arange(len(start))
+    for _ in range(steps):
+        if not len(rows):
+            break
         share = (low * f_high - high * f_low) / (f_high - f_low)
-        value = distance(start + share[:, None] * (end - start))
+        value = distance(start[rows] + share[:, None] * (end[rows] - start[rows]))
+        moving = (np.abs(share - shares[rows]) > _STILL) & (value != 0.0)
+        shares[rows] = share
         same_as_low = (value < 0.0) == (f_low < 0.0)
         side = np.where(same_as_low, 1, -1).astype(np.int8)
         repeated = side == last_side
@@ -168,14 +180,14 @@ def _roots(
         f_low = np.where(same_as_low, value, np.where(repeated, 0.5 * f_low, f_low))
         low = np.where(same_as_low, share, low)
         high = np.where(same_as_low, high, share)
-        last_side = side
-    return share
+        rows, low, high, f_low, f_high, last_side = (
+            column[moving] for column in (rows, low, high, f_low, f_high, side)
+        )
+    return shares
 
 
 @njit(cache=True)
-def _warp(
-    neighbours: Integers, steps: Reals, fractions: Reals, sign: Signs, positions: Reals
-) -> None:
+def _warp(neighbours: Rows, steps: Reals, fractions: Reals, sign: Signs, positions: Reals) -> None:
     """Move nodes that a cut violates onto their nearest violating cut, in lattice order.
 
     A moved node has sign 0; the cuts on its edges vanish, so that they violate nobody else.
@@ -202,7 +214,7 @@ def _cut_nodes(
     fractions: NDArray[np.float64],
     sign: NDArray[np.int8],
     positions: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Number and place the nodes on cut edges.
 
     Mended nodes can lie on the other side of the true surface: their cuts are put as close to it as
@@ -212,7 +224,7 @@ def _cut_nodes(
         Row of the cut node per lattice edge, -1 where there is none, shape (node_count, 14); and
         the positions of the cut nodes [m].
     """
-    cuts = np.full(lattice.neighbours.shape, -1, dtype=np.int64)
+    cuts = np.full(lattice.neighbours.shape, -1, dtype=np.int32)
     places = []
     count = len(sign)
     for direction in range(0, 14, 2):

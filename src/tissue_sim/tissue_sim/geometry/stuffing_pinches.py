@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from tissue_sim.geometry.bcc_lattice import LINK_EDGES, LINK_TRIANGLES
 
 Integers = NDArray[np.int64]
+Rows = NDArray[np.int32]
 Signs = NDArray[np.int8]
 Booleans = NDArray[np.bool_]
 
 
-def mend_pinches(neighbours: Integers, was_inside: Booleans, sign: Signs) -> Integers:
+def mend_pinches(neighbours: Rows, was_inside: Booleans, sign: Signs) -> Integers:
     """Declare surface nodes inside where tissue or outside would only touch itself.
 
     Args:
@@ -92,7 +93,7 @@ def _is_pinched(around: Signs, triangles: Integers, edges: Integers) -> bool:
 
 @njit(cache=True)
 def _mend_pinches(
-    neighbours: Integers, was_inside: Booleans, triangles: Integers, edges: Integers, sign: Signs
+    neighbours: Rows, was_inside: Booleans, triangles: Integers, edges: Integers, sign: Signs
 ) -> Integers:
     """Declare surface nodes inside where tissue or outside would only touch itself.
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from tissue_sim.geometry.bcc_lattice import TETRAHEDRON_DIRECTIONS
 
 Integers = NDArray[np.int64]
+Rows = NDArray[np.int32]
 Signs = NDArray[np.int8]
 
 
 @njit(cache=True)
-def _diagonal_from_first(first: int, second: int, outside: int, coordinates: Integers) -> bool:
+def _diagonal_from_first(first: int, second: int, outside: int, coordinates: Rows) -> bool:
     """Choose the diagonal of a cut lattice face, the same from both sides.
 
     The face has corners `first` and `second` inside and one outside. If the inside edge is long,
@@ -70,7 +71,7 @@ def _emit_prism(
 
 @njit(cache=True)
 def _fill_one(
-    node: Integers, cut: Integers, s: Signs, coordinates: Integers, out: Integers, count: int
+    node: Integers, cut: Integers, s: Signs, coordinates: Rows, out: Integers, count: int
 ) -> int:
     """Write the stencil of one lattice tetrahedron.
 
@@ -131,9 +132,9 @@ def _fill_one(
 
 @njit(cache=True)
 def _fill_all(
-    coordinates: Integers,
-    neighbours: Integers,
-    cuts: Integers,
+    coordinates: Rows,
+    neighbours: Rows,
+    cuts: Rows,
     sign: Signs,
     corner_directions: Integers,
     directions: Integers,
@@ -167,9 +168,9 @@ def _fill_all(
 
 
 def fill(
-    coordinates: NDArray[np.int64],
-    neighbours: NDArray[np.int64],
-    cuts: NDArray[np.int64],
+    coordinates: Rows,
+    neighbours: Rows,
+    cuts: Rows,
     sign: NDArray[np.int8],
 ) -> NDArray[np.int64]:
     """Replace each lattice tetrahedron that holds tissue by its stencil."""
