@@ -6,6 +6,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
 unset PYTHONPATH PYTHONHOME VIRTUAL_ENV PYTHONDONTWRITEBYTECODE LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# In a shell with the workspace's environment python3 is .venv's own, which is removed to be made anew.
+paths=:$PATH:
+paths=${paths//":$root/.venv/bin:"/:}
+paths=${paths#:} PATH=${paths%:}
 
 say() { printf '[setup] %s\n' "$*"; }
 fail() { printf '[setup] %s\n' "$@" >&2; exit 1; }
