@@ -30,6 +30,8 @@ from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.sheet import SheetStiffness
+from tissue_sim.geometry.sheet_geometry import CONNECTED, SURFACE, SheetSettings
 from tissue_sim.kernels.machine import multiply_and_add, root_and_quotient, triad
 
 REPEATS = 5
@@ -43,6 +45,12 @@ SHAKE_EVERY = 4
 
 LARGE_SIDE = 71
 """Nodes along each side of the block that stands for a heart ten times as fine."""
+
+SHEETS = {
+    "heart, surface": SheetSettings(SURFACE, stiffness=SheetStiffness(torsion=1.0)),
+    "heart, connected surfaces": SheetSettings(CONNECTED),
+}
+"""The heart made of its surface, as scenes have it by default."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,13 @@ CASES = (
     ),
     Case("vertex_block_descent, L = 4", "vertex_block_descent", "heart", (("levels", 4.0),)),
     Case("chain_mail", "chain_mail", "heart"),
+    Case("quasi_static, all nodes", "quasi_static", "heart, surface", ALL_NODES),
+    Case("lr, L = 4, one pass", "lr", "heart, surface"),
+    Case("spring_mass, all active", "spring_mass", "heart, surface", disturbed=True),
+    Case("quasi_static, all nodes", "quasi_static", "heart, connected surfaces", ALL_NODES),
+    Case("relaxation, all active", "relaxation", "heart, connected surfaces", disturbed=True),
+    Case("lr, L = 4, one pass", "lr", "heart, connected surfaces"),
+    Case("spring_mass, all active", "spring_mass", "heart, connected surfaces", disturbed=True),
     Case("spring_mass", "spring_mass", "large block", disturbed=True),
     Case("relaxation, all active", "relaxation", "large block", disturbed=True),
     Case("lr, L = 4, one pass", "lr", "large block"),
@@ -171,6 +186,8 @@ def geometry(name: str) -> Mesh:
     if name == "large block":
         shape = {f"nodes_{axis}": LARGE_SIDE for axis in "xyz"}
         return scene_geometry.load("block", parameters=shape).mesh
+    if name in SHEETS:
+        return scene_geometry.load(name.partition(",")[0], sheet=SHEETS[name]).mesh
     return scene_geometry.load(name).mesh
 
 

@@ -67,6 +67,7 @@ def work_of(model: MeshModel, state: State, looked: float | None = None) -> Work
             sweep.roots + relaxation.roots,
             relaxation.nodes,
             sweep.springs + relaxation.springs,
+            sweep.operations,
         )
     if isinstance(model, SpringMass):
         return _time_step(springs)
@@ -81,7 +82,13 @@ def work_of(model: MeshModel, state: State, looked: float | None = None) -> Work
 
 def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
     ends = int(springs.arrays.degree[nodes].sum())
-    return Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
+    plain = Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
+    if springs.torsion is None:
+        return plain
+    start = springs.torsion.arrays.start.astype(np.int64)
+    seen = int((start[nodes.astype(np.int64) + 1] - start[nodes]).sum())
+    moved = plain.moved + 12 * seen + 4 * len(nodes)
+    return Work(moved, ends + seen, len(nodes), ends, 150 * seen)
 
 
 def _relaxation(relaxation: RelaxationPass, state: State, places: float | None) -> Work:
@@ -97,7 +104,9 @@ def _relaxation(relaxation: RelaxationPass, state: State, places: float | None) 
 def _time_step(springs: SpringNetwork) -> Work:
     nodes = int(springs.mesh.node_alive.sum())
     ends = int(springs.arrays.degree.sum())
-    return Work(12 * ends + 109 * nodes, ends, nodes, ends)
+    hinges = 0 if springs.torsion is None else len(springs.torsion.nodes)
+    moved = 12 * ends + 109 * nodes + 32 * hinges
+    return Work(moved, ends + hinges, nodes, ends, 180 * hinges)
 
 
 def _iteration(model: FiniteElement) -> Work:
