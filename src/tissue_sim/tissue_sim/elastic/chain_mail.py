@@ -14,7 +14,9 @@ from tissue_sim.elastic.quasi_static import REST_TOLERANCE
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.kernels import chain_mail as kernels
+from tissue_sim.kernels.chain_averages import Awake, average, wake_all, wake_unbalanced
+from tissue_sim.kernels.chain_bounds import COUNTS, STRAINED, Search
+from tissue_sim.kernels.chain_mail import gather_sources, propagate
 
 SHARES = (
     Parameter("stretch", 0.3, 0.01, 10.0, "", "share of an edge by which its ends may part"),
@@ -75,15 +77,13 @@ class ChainMail(MeshModel):
 
     def _allocate(self) -> None:
         capacity, dtype = self.mesh.node_capacity, self.springs.dtype
-        self._search = kernels.Search(
+        self._search = Search(
             np.full((2, capacity), -np.inf, dtype), np.zeros((2, capacity), dtype=np.bool_),
             np.zeros(capacity, dtype=np.uint32), np.zeros(capacity, dtype=np.uint32),
             np.full(capacity, -1, dtype=np.int32), np.zeros(capacity, dtype=np.uint32),
-            np.zeros(capacity, dtype=np.bool_), np.zeros(kernels.COUNTS, dtype=np.int64),
+            np.zeros(capacity, dtype=np.bool_), np.zeros(COUNTS, dtype=np.int64),
         )  # fmt: skip
-        self._awake = kernels.Awake(
-            np.zeros(capacity, dtype=np.uint32), np.zeros(capacity, dtype=np.bool_)
-        )
+        self._awake = Awake(np.zeros(capacity, dtype=np.uint32), np.zeros(capacity, dtype=np.bool_))
         self._seen = np.zeros((capacity, 3), dtype)
         self._sources = np.zeros(3 * capacity, dtype=np.uint32)
 
@@ -115,20 +115,20 @@ class ChainMail(MeshModel):
 
     def _spread(self, state: State) -> None:
         search, arrays = self._search, self.springs.arrays
-        used = kernels.gather_sources(
+        used = gather_sources(
             self._held, self._look_at_held, search.strained, self._strained, state.displacement,
             self._seen, self._sources, self._doubtful,
         )  # fmt: skip
         self._look_at_held, self._doubtful = False, 0
         if used == 0:
             return
-        count = kernels.wake_all(self._sources, used, arrays, self._awake, self._awake_count)
-        visits, self._awake_count = kernels.propagate(
+        count = wake_all(self._sources, used, arrays, self._awake, self._awake_count)
+        visits, self._awake_count = propagate(
             self._sources, used, arrays, self._shares, state.prescribed, state.displacement,
             search, self._awake, count,
         )  # fmt: skip
         self.visits += visits
-        self._strained = int(search.counts[kernels.STRAINED])
+        self._strained = int(search.counts[STRAINED])
         if self._relaxations == 0:
             self._sleep()
 
@@ -137,11 +137,11 @@ class ChainMail(MeshModel):
             self.springs.arrays, self._shares, state.prescribed, self._rate, self._tolerance,
             state.displacement, self._awake,
         )  # fmt: skip
-        largest, self._awake_count = kernels.average(*arguments, self._awake_count)
+        largest, self._awake_count = average(*arguments, self._awake_count)
         if largest > self._tolerance:
             return
         # Neighbours may have been left behind by many moves that were each too small to wake them.
-        count = kernels.wake_unbalanced(*arguments, self._awake_count)
+        count = wake_unbalanced(*arguments, self._awake_count)
         if count > self._awake_count:
             self._awake_count = count
         else:

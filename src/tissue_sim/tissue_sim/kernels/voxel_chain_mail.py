@@ -2,7 +2,7 @@
 
 Voxels are numbered (x ny + y) nz + z. A link along axis a allows each component c of w = u_j - u_i
 to be `box[a, c, 0]` below zero and `box[a, c, 1]` above it, j being the end farther along a. Bounds
-L and U and where they put a voxel are those of `kernels.chain_mail`.
+L and U and where they put a voxel are those of `kernels.chain_bounds`.
 """
 
 from __future__ import annotations
