@@ -102,3 +102,50 @@ def test_damped_motion_ends_in_the_quasi_static_equilibrium() -> None:
         steps(model, state, 6000)
         ends.append(state.displacement.copy())
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-8)
+
+
+def strains(model: SpringMass, state: State) -> np.ndarray:
+    """How much longer springs are than at rest, over that; those between free nodes."""
+    springs, rest = model.springs.springs, model.mesh.rest
+    ends = springs.ends[: model.springs.rows]
+    ends = ends[~state.prescribed[ends].any(axis=1)]
+    x = rest + state.displacement
+    now, then = (np.linalg.norm(y[ends[:, 1]] - y[ends[:, 0]], axis=1) for y in (x, rest))
+    return now / then - 1.0
+
+
+def test_relaxation_after_each_step_keeps_springs_within_their_limits() -> None:
+    worst = {}
+    for passes in (0, 4):
+        mesh = block_mesh(7)
+        model, state = build("spring_mass", mesh, passes=passes, linear_factor=0.12)
+        assert isinstance(model, SpringMass)
+        held = hold(model, state, top_ball(mesh), mesh)
+        for frame in range(1, 61):
+            state.displacement[held] = [0, 0, 0.0001 * frame]
+            steps(model, state, 4)
+        steps(model, state, 600)
+        worst[passes] = np.abs(strains(model, state)).max()
+        hold(model, state, [], mesh)
+        steps(model, state, 1500)
+        assert np.abs(state.displacement).max() < 1e-4
+    assert worst[0] > 0.14
+    assert worst[4] < 0.125
+
+
+def test_relaxation_that_finds_nothing_outside_changes_no_bit() -> None:
+    shapes = []
+    for passes in (0, 1):
+        mesh = block_mesh(5)
+        model, state = build("spring_mass", mesh, passes=passes, linear_factor=0.9)
+        held = hold(model, state, top_ball(mesh), mesh)
+        state.displacement[held] = [0.001, 0, 0.001]
+        steps(model, state, 100)
+        shapes.append(state.displacement.copy())
+    assert np.abs(shapes[0]).max() > 0
+    np.testing.assert_array_equal(*shapes)
+
+
+def test_relaxation_with_other_integrators_is_refused() -> None:
+    with pytest.raises(ValueError, match="integrator = 0"):
+        build("spring_mass", block_mesh(4), passes=1, integrator=3)

@@ -92,6 +92,28 @@ class RelaxationPass:
             self._nodes = _nodes(self.springs)
 
 
+class OrganRelaxation(RelaxationPass):
+    """Relaxation passes in the breadth-first order from what is held; it needs no other order."""
+
+    def __init__(self, springs: SpringNetwork, values: dict[str, float]) -> None:
+        """See `RelaxationPass`."""
+        super().__init__(springs, values)
+        self._breadth_first = NodeOrdering(springs)
+        self._ordered = False
+
+    def hold(self, held: NDArray[np.int32], prescribed: NDArray[np.bool_]) -> None:
+        """Order the springs anew from the held nodes; with none held the last order stays."""
+        if len(held) or not self._ordered:
+            self._breadth_first.search(held.astype(np.int32), prescribed)
+            self._ordered = bool(len(held))
+        self.prescribed_changed(self._breadth_first)
+
+    def follow_edit(self, change: EditChange, springs: SpringChange) -> None:
+        """Follow an edit that the spring network has followed."""
+        self._breadth_first.follow(change)
+        self.follow(springs)
+
+
 def _nodes(springs: SpringNetwork) -> Nodes:
     """Nodes of which nothing is known yet."""
     rows = springs.mesh.node_capacity + 1
@@ -117,9 +139,7 @@ class Relaxation(SpringModel):
         springs: SpringNetwork | None = None,
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
-        self.relaxation = RelaxationPass(self.springs, self.values)
-        self._nodes = NodeOrdering(self.springs)
-        self._ordered = False
+        self.relaxation = OrganRelaxation(self.springs, self.values)
 
     def step(self, state: State) -> None:
         """One step of `passes` passes over all springs. Modifies the state in place."""
@@ -127,16 +147,11 @@ class Relaxation(SpringModel):
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order the springs anew from the held nodes; with none held the last order stays."""
-        if len(held) or not self._ordered:
-            self._nodes.search(held.astype(np.int32), state.prescribed)
-            self._ordered = bool(len(held))
-        self.relaxation.prescribed_changed(self._nodes)
+        self.relaxation.hold(held, state.prescribed)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it."""
-        springs: SpringChange = self.springs.follow(change)
-        self._nodes.follow(change)
-        self.relaxation.follow(springs)
+        self.relaxation.follow_edit(change, self.springs.follow(change))
 
     def residual(self, state: State) -> float:
         """Has no meaning without forces: nan."""

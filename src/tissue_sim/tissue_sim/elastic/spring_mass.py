@@ -17,6 +17,7 @@ from tissue_sim.elastic.integrators import (
 )
 from tissue_sim.elastic.internal_forces import PARAMETERS, InternalForces
 from tissue_sim.elastic.model import Material, Parameter, State
+from tissue_sim.elastic.relaxation import FULL_EXCESS, OrganRelaxation, linear_factor
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
@@ -38,6 +39,9 @@ class SpringMass(SpringModel):
     h^2 omega^2 < `stability_limit` for the fastest oscillation, for which omega^2 <= 2 max_i
     (sum_j k_ij / m_i).
 
+    With `passes`, springs beyond `linear_factor` are put at that limit after each step, and the
+    velocities with them (Provot 1995).
+
     Limitations: stiff small elements need very short time steps, unless mass is added to their
     nodes; home forces end with the first cut; see docs/spring_mass.md.
     """
@@ -57,6 +61,11 @@ class SpringMass(SpringModel):
         ),
         INTEGRATOR,
         *PARAMETERS,
+        Parameter(
+            "passes", 0, 0, 100, "", "relaxation passes after a step; 0: none", integer=True
+        ),
+        linear_factor(0.1),
+        FULL_EXCESS,
     )  # fmt: skip
 
     def __init__(
@@ -91,7 +100,19 @@ class SpringMass(SpringModel):
         self._runge_kutta = (
             None if self._integrator == VERLET else RungeKutta(self.internal, self._integrator)
         )
+        self.relaxation = self._relaxation()
         self._compile()
+
+    def _relaxation(self) -> OrganRelaxation | None:
+        if not self.values["passes"]:
+            return None
+        if self._integrator != VERLET:
+            raise ValueError(
+                f"passes = {self.values['passes']:g} does not go with integrator = "
+                f"{self._integrator} ({NAMES[self._integrator]}): what relaxation does to places "
+                "must be what it does to velocities; allowed: integrator = 0 (Verlet), or no passes"
+            )
+        return OrganRelaxation(self.springs, self.values)
 
     def _compile(self) -> None:
         """Compile, or load from the cache, what only some steps need: no frame has to wait."""
@@ -160,15 +181,21 @@ class SpringMass(SpringModel):
             return
         self.internal.evaluate(state.displacement, self._forces)
         verlet_move(nodes, self._sticks, self._forces, state.displacement, state.previous)
+        if self.relaxation:
+            self.relaxation.run(state)
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Follow what was done to velocities; a prescribed node has none to fall out of step."""
+        if self.relaxation:
+            self.relaxation.hold(held, state.prescribed)
         if self._runge_kutta:
             self._runge_kutta.prescribed_changed(state)
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """Follow an edit in time proportional to it; home forces end."""
-        self.springs.follow(change)
+        springs = self.springs.follow(change)
+        if self.relaxation:
+            self.relaxation.follow_edit(change, springs)
         self._grow(self.mesh.node_capacity)
         news = self.internal.follow(change)
         if news:
