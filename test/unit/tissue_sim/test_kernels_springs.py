@@ -106,7 +106,7 @@ def test_springs_relaxed_at_once_share_no_node_and_those_at_a_node_keep_their_tu
     model, state = build("relaxation", mesh)
     assert isinstance(model, Relaxation)
     hold(model, state, top_ball(mesh, 0.022), mesh)
-    order, nodes = model.relaxation.order, model._nodes
+    order, nodes = model.relaxation.order, model.relaxation._breadth_first
     while not order.advance():
         pass
     first, second = order.list.first[: order.used], order.list.second[: order.used]
