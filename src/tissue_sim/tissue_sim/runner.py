@@ -162,8 +162,13 @@ def _suggested(
     """Tools for a geometry nobody has chosen any for, and the default procedure when headless."""
     values = scene.simulation
     sheet = sheet_settings(values)
+    shape = {key[6:]: value for key, value in values.items() if key.startswith("shape.")}
     geometry = load(
-        values["geometry"], values.get("units", ""), values.get("fixed", "auto"), sheet=sheet
+        values["geometry"],
+        values.get("units", ""),
+        values.get("fixed", "auto"),
+        parameters=shape,
+        sheet=sheet,
     )
     model = values.get("model", Scene.model)
     registry.parameters_of(model)

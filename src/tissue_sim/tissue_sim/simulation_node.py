@@ -106,6 +106,9 @@ class SimulationNode(Node):
 
     def _load(self) -> Simulation:
         values = self._values
+        announced = scene_geometry.announcement(values["geometry"], self._settings.shape)
+        if announced:
+            self.get_logger().info(announced)
         geometry = scene_geometry.load(
             values["geometry"],
             units=values["units"] or None,

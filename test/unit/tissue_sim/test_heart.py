@@ -16,10 +16,20 @@ from support.tet_topology import (
     is_cut_regular,
     is_manifold,
 )
-from tissue_sim.geometry.heart import CELL, REGIONS, heart, heart_mesh, load_heart, save_heart
+from tissue_sim.geometry.heart import (
+    CELL,
+    REGIONS,
+    expected_nodes,
+    heart,
+    heart_mesh,
+    load_heart,
+    save_heart,
+)
 from tissue_sim.geometry.heart_anatomy import LEFT_VENTRICLE_CENTRE, VESSELS, Vessel
 from tissue_sim.geometry.quality import radius_ratios, signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.renumber import neighbour_distance
+from tissue_sim.geometry.scene_geometry import announcement, load
 
 CHAMBERS = {
     "left ventricle": LEFT_VENTRICLE_CENTRE,
@@ -157,6 +167,28 @@ def test_a_coarser_heart_has_fewer_nodes() -> None:
     assert len(coarse.points) < 0.6 * len(load_heart().points)
     assert signed_volumes(coarse.points, coarse.tetrahedra).min() > 0.0
     assert is_manifold(boundary(coarse.tetrahedra))
+
+
+def test_the_cell_of_a_scenes_heart_is_checked_and_the_mesh_ready_to_simulate() -> None:
+    geometry = load("heart", parameters={"cell": 1.8e-3})
+    assert geometry.mesh.node_rows == pytest.approx(expected_nodes(1.8e-3), rel=0.05)
+    assert not geometry.report.mended
+    assert not geometry.report.warnings
+    tets = geometry.raw.tetrahedra
+    assert is_cut_regular(tets)
+    assert (np.diff(tets.min(axis=1)) >= 0).all()
+    assert neighbour_distance(tets) < 0.05 * geometry.mesh.node_rows
+    with pytest.raises(ValueError, match=r"cell is 0\.0003 m, it must be from 0\.0004 m \(about 1"):
+        load("heart", parameters={"cell": 0.3e-3})
+    with pytest.raises(ValueError, match="for filling a surface file, heart is a generated shape"):
+        load("heart", cell=1.8e-3)
+
+
+def test_what_a_fine_heart_costs_is_said_before_it_is_made() -> None:
+    assert len(load_heart().points) == pytest.approx(expected_nodes(CELL), rel=0.02)
+    assert announcement("heart") == announcement("wall", {"rows": 5}) == ""
+    assert announcement("heart", {"cell": CELL}) == announcement("heart", {"cell": 0.1e-3}) == ""
+    assert "0.6 mm cells has about 360,000 nodes" in announcement("heart", {"cell": 0.6e-3})
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from tissue_sim import bench
+from tissue_sim.bench_table import print_table
 
 KEYS = {
     "model", "geometry", "nodes", "elements", "active_nodes", "threads", "steps_per_second",
@@ -19,7 +21,7 @@ KEYS = {
 
 def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "TRIAD_NUMBERS", 1 << 20)
-    monkeypatch.setattr(bench, "LARGE_SIDE", 10)
+    monkeypatch.setattr(bench, "FINE_CELL", 2.0e-3)
     out = tmp_path / "deep" / "bench.json"
     result = bench.run_bench(out, seconds=0.05)
     assert json.loads(out.read_text()) == json.loads(json.dumps(result))
@@ -43,11 +45,22 @@ def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert 0 < visited[0] < visited[1]
     assert 30_000 < figures["heart", "lr, L = 4, one pass"]["nodes"] < 40_000
 
-    console = Console(record=True, width=160)
-    bench.print_table(result, console)
-    text = console.export_text()
-    assert "lr, L = 4, one pass" in text
-    assert "106/s" in text
+    narrow, wide = (_printed(result, width) for width in (80, 140))
+    for lines in (narrow, wide):
+        assert sum("106/s" in line for line in lines) == 1
+        for row in result["rows"]:
+            steps = f"{row['steps_per_second']:,.0f}"
+            assert any(line.startswith(row["model"]) and steps in line for line in lines)
+    assert any("springs" in line for line in wide)
+    assert len(narrow) == len(wide) + 1  # it says what is left out; no cell takes a second line
+
+
+def _printed(result: dict[str, Any], width: int) -> list[str]:
+    console = Console(record=True, width=width)
+    print_table(result, console)
+    lines = console.export_text().splitlines()
+    assert max(map(len, lines)) <= width
+    return lines
 
 
 def test_the_hold_goes_to_and_fro_at_constant_speed() -> None:

@@ -52,9 +52,10 @@ def bench(
         print_peers(run_peers(out, 20.0 * seconds, report=typer.echo))
         typer.echo(f"written to {out}")
         return
-    from tissue_sim.bench import print_table, run_bench
+    from tissue_sim.bench import run_bench
+    from tissue_sim.bench_table import print_table
 
-    print_table(run_bench(out, seconds))
+    print_table(run_bench(out, seconds, report=typer.echo))
     typer.echo(f"written to {out}")
 
 

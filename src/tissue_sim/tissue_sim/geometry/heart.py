@@ -29,7 +29,8 @@ from tissue_sim.geometry.heart_shape import (
     heart_blood,
     heart_tissue,
 )
-from tissue_sim.geometry.implicit import by_neighbourhood, half_space, tube
+from tissue_sim.geometry.implicit import half_space, tube
+from tissue_sim.geometry.neighbourhood import by_neighbourhood
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.stuffing import stuff
 
@@ -39,6 +40,13 @@ CELL = 1.4e-3
 COARSEST_CELL = 2.0e-3
 FINEST_CELL = 0.4e-3
 LARGEST_DEFECT = 4.0e-3
+
+SECONDS_PER_NODE = 1e-4
+BYTES_PER_NODE = 3000
+"""What a generated node costs, checks included, on two cores of a server of 2023."""
+
+WORTH_MENTIONING = 150_000
+"""Nodes from which on that is said before."""
 
 REGIONS = {
     0: "left ventricle",
@@ -76,7 +84,11 @@ def heart_mesh(
         ValueError: A size is outside its range.
     """
     if not FINEST_CELL <= cell <= COARSEST_CELL:
-        raise ValueError(f"cell is {cell} m, it must be from {FINEST_CELL} to {COARSEST_CELL} m")
+        most, least = expected_nodes(FINEST_CELL), expected_nodes(COARSEST_CELL)
+        raise ValueError(
+            f"heart: cell is {cell} m, it must be from {FINEST_CELL} m (about {most:,} nodes) to "
+            f"{COARSEST_CELL} m (about {least:,} nodes)"
+        )
     for name, radius in (("asd_radius", asd_radius), ("vsd_radius", vsd_radius)):
         if not 0.0 <= radius <= LARGEST_DEFECT:
             raise ValueError(f"{name} is {radius} m, it must be from 0 to {LARGEST_DEFECT} m")
@@ -99,6 +111,24 @@ def heart_mesh(
         node_sets=_node_sets(points, tetrahedra, regions),
         name="heart",
         source=f"heart_mesh(cell={cell}, asd_radius={asd_radius}, vsd_radius={vsd_radius})",
+    )
+
+
+def expected_nodes(cell: float) -> int:
+    """About how many nodes a heart of such cells [m] has: those within, and more at its surface."""
+    size = cell / MILLIMETRE
+    return 1000 * round((61.4 / size + 27.4) / size**2)
+
+
+def expected_cost(cell: float) -> str:
+    """What generating a heart of such cells [m] takes, in words; "" if it is not worth them."""
+    nodes = expected_nodes(cell) if FINEST_CELL <= cell <= COARSEST_CELL else 0
+    if nodes < WORTH_MENTIONING:
+        return ""
+    seconds = round(nodes * SECONDS_PER_NODE, -1)
+    return (
+        f"a heart of {1e3 * cell:g} mm cells has about {nodes:,} nodes; to generate and check it "
+        f"takes some {seconds:.0f} s and {nodes * BYTES_PER_NODE / 1e9:.1f} GB of memory"
     )
 
 

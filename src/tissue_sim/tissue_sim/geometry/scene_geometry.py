@@ -13,7 +13,7 @@ from tissue_sim.geometry.check import inspect as inspect_mesh
 from tissue_sim.geometry.fibres import fibres_of
 from tissue_sim.geometry.fill import fill_surface
 from tissue_sim.geometry.fixed_nodes import fixed_nodes
-from tissue_sim.geometry.heart import heart
+from tissue_sim.geometry.heart import expected_cost, heart
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.regions import paint
@@ -75,7 +75,7 @@ def load(
         units: Unit of the file's coordinates, "mm" or "m"; a generated shape needs none.
         fixed: Nodes that never move (see `fixed_nodes`).
         parameters: Parameters of a generated shape, by name.
-        cell: Element size for filling a surface [m]; default chosen by `fill_surface`.
+        cell: Element size for filling a surface file [m]; default chosen by `fill_surface`.
         folder: Folder that a relative file name is in; default the working directory.
         regions: Where the scene's regions lie, by name (see `geometry.regions`).
         fibres: How fibres run (see `geometry.fibres`).
@@ -85,6 +85,11 @@ def load(
         ValueError: Something about the request is wrong.
         MeshError: The mesh is.
     """
+    if cell and name_or_path in SHAPES:
+        raise ValueError(
+            f"cell = {cell} m is for filling a surface file, {name_or_path} is a generated shape; "
+            f"its parameters: {', '.join(inspect.signature(SHAPES[str(name_or_path)]).parameters)}"
+        )
     if sheet is not None:
         sheet.checked()
         _refuse_of_tetrahedra(sheet, cell, regions, fibres)
@@ -123,6 +128,12 @@ def _sheet_geometry(
     raw = with_sheet(raw, sheet, more)
     report = inspect_mesh(raw)
     return SceneGeometry(Mesh(raw, nodes), raw, replace(report, mended=(*said, *more)))
+
+
+def announcement(name_or_path: str, parameters: Mapping[str, Number] | None = None) -> str:
+    """What people should know before a geometry is made: time and memory if much, or ""."""
+    cell = (parameters or {}).get("cell")
+    return expected_cost(cell) if name_or_path == "heart" and cell is not None else ""
 
 
 def generate(name: str, parameters: Mapping[str, Number] | None = None) -> RawMesh:
