@@ -96,8 +96,15 @@ def test_after_a_cut_conjugate_gradients_go_on_and_say_so() -> None:
 
 
 def test_what_cannot_be_factorised_is_refused() -> None:
-    with pytest.raises(ValueError, match="parts without a fixed node; allowed"):
+    with pytest.raises(
+        ValueError, match=r"64 nodes are in parts without a fixed node, .*; allowed"
+    ):
         build("finite_element", block_mesh(4, fixed=False), direct=1.0)
+    hinged = block_mesh(4, fixed=False)
+    hinged.fixed[:64] = (hinged.rest[:64, [0, 2]] == 0).all(axis=1)
+    assert hinged.fixed.sum() == 4
+    with pytest.raises(ValueError, match="fixed nodes in one line only"):
+        build("finite_element", hinged, direct=1.0)
     with pytest.raises(ValueError, match="do not go together"):
         build("finite_element", block_mesh(4), direct=1.0, corotated=1.0)
     with pytest.raises(ValueError, match="5832 nodes; allowed: up to 5000"):

@@ -25,13 +25,17 @@ TOOL = ToolSpec("rehearsal", size=(0.002,))
 def rehearse(sheet: bool = False) -> None:
     """Grab, pull, split and release two tetrahedra with every model.
 
+    And with the parameters, holds and predictors with which frames call other kernels.
     For tissue made of triangles, grab, pull and release a tetrahedron's surface as well.
 
     Kernels are compiled, or loaded from the cache, at their first call: tens of milliseconds each.
     """
     for name in registry.names():
         _rehearse(Scene(model=name, tools=(TOOL,)))
+    for name, values in registry.VARIANTS:
+        _rehearse(Scene(model=name, parameters={name: values}, tools=(TOOL,)))
     _rehearse(Scene(tools=(replace(TOOL, hold=FORCE),)))
+    _rehearse(Scene(model="vertex_block_descent", predictor="lr", tools=(TOOL,)))
     for name in registry.names() if sheet else ():
         if not registry.MODELS[name].needs_tetrahedra:
             _rehearse(Scene(model=name, tools=(TOOL,)), sheet=True)

@@ -1,35 +1,42 @@
-"""After the rehearsal no frame compiles anything."""
+"""After the rehearsal no frame compiles a kernel or waits for one from the cache."""
 
 from __future__ import annotations
 
-import numpy as np
-from numba.core import event
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
-from support.split_edit import split_at
-from tissue_sim.frame import Budget, Edge, FrameInputs, ToolSample
-from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.shapes import block
-from tissue_sim.interaction.tools import ToolSpec
-from tissue_sim.rehearsal import rehearse
-from tissue_sim.scene import Scene
-from tissue_sim.simulation import Simulation
+import pytest
+
+from support.frames_after_rehearsal import PROGRAM, scenes
+from tissue_sim.elastic import registry
 
 
-def test_frames_after_the_rehearsal_compile_nothing() -> None:
-    rehearse()
-    raw = block(5, 5, 5)
-    fixed = np.zeros(len(raw.points), dtype=np.bool_)
-    fixed[raw.node_sets["fixed"]] = True
-    pose = np.array([0.03, 0.03, 0.06, 0.0, 0.0, 0.0, 1.0])
-    with event.install_recorder("numba:compile") as compiled:
-        for model in ("lr", "quasi_static", "relaxation", "spring_mass"):
-            tool = ToolSpec("g", size=(0.02,), pose=tuple(pose))
-            simulation = Simulation(Mesh(raw, fixed), Scene(model=model, tools=(tool,)))
-            budget = Budget(steps=2)
-            presses: tuple[tuple[bool, Edge], ...] = ((True, 1), (True, 0), (False, -1))
-            for use, edge in presses:
-                sample = ToolSample("g", pose, 1, use, edge)
-                edits = (split_at(simulation.mesh, 0.03, 0.02),) if edge == 0 else ()
-                frame = simulation.advance(FrameInputs(edits=edits, tools=(sample,)), budget)
-                assert all(answer.success for answer in frame.answers)
-    assert not compiled.buffer
+@pytest.fixture(scope="module")
+def called_first_in_frames(repository: Path) -> dict[str, list[str]]:
+    """Kernels that frames called first, by scene: in a process that has called none before."""
+    path = os.pathsep.join([str(repository / "test"), *filter(None, sys.path)])
+    run = subprocess.run(
+        [sys.executable, "-m", PROGRAM],
+        env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        timeout=280,
+    )
+    found: dict[str, list[str]] = json.loads(run.stdout)
+    return found
+
+
+def test_every_model_is_looked_at(called_first_in_frames: dict[str, list[str]]) -> None:
+    assert set(called_first_in_frames) == set(scenes())
+    assert {scene.model for scene in scenes().values()} == set(registry.names())
+
+
+@pytest.mark.parametrize("label", scenes())
+def test_frames_after_the_rehearsal_call_no_kernel_first(
+    called_first_in_frames: dict[str, list[str]], label: str
+) -> None:
+    assert called_first_in_frames[label] == []

@@ -72,6 +72,13 @@ class BlockFactors:
         solve_lanes(self._arrays, b, self._y, x)
 
 
+def compile_solver(dtype: type[np.floating]) -> None:
+    """Compile the solver, or load it from the cache, by solving nothing: steps must not have to."""
+    start, none = np.zeros(1, dtype=np.int32), np.empty(0, dtype=np.int32)
+    blocks, b = np.empty((0, SIZE * SIZE), dtype=dtype), np.empty((0, SIZE, LANES), dtype=dtype)
+    solve_lanes(FactorArrays(none, start, none, blocks, blocks), b, b, b)
+
+
 def _sparse_order(matrix: bsr_matrix) -> NDArray[np.int64]:
     """Rows of blocks in an order that leaves the factor sparse (minimum degree)."""
     ones = csr_matrix((np.ones(len(matrix.indices)), matrix.indices, matrix.indptr))

@@ -41,7 +41,7 @@ class DirectSolver:
         """Factorise.
 
         Raises:
-            ValueError: The organ is too large, or a part of it has no fixed node.
+            ValueError: The organ is too large, or a part of it can move or turn freely.
         """
         mesh = stiffness.springs.mesh
         count = mesh.node_rows
@@ -144,7 +144,7 @@ def dofs_of(nodes: NDArray[np.integer]) -> NDArray[np.int64]:
 
 
 def refuse_loose(stiffness: Stiffness, parameter: str) -> None:
-    """Refuse an organ that is too large, or of which a part has no fixed node.
+    """Refuse an organ that is too large, or of which a part can move or turn freely.
 
     Args:
         stiffness: Of the organ.
@@ -163,11 +163,23 @@ def refuse_loose(stiffness: Stiffness, parameter: str) -> None:
     j = stiffness.rows.neighbour[places].astype(np.int64)
     graph = csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
     _, part = connected_components(graph, directed=False)
-    held = np.zeros(part.max(initial=-1) + 1, dtype=np.bool_)
-    held[part[mesh.fixed[:count]]] = True
-    loose = int((mesh.node_alive[:count] & ~held[part]).sum())
+    alive, fixed = mesh.node_alive[:count], mesh.fixed[:count]
+    loose = 0
+    for number in np.unique(part[alive]):
+        inside = part == number
+        if not _hold_still(mesh.rest[:count][inside & fixed]):
+            loose += int((inside & alive).sum())
     if loose:
         raise ValueError(
-            f"{parameter} is not possible: {loose} nodes are in parts without a fixed node; "
-            "allowed: organs of which every part has fixed nodes"
+            f"{parameter} is not possible: {loose} nodes are in parts without a fixed node, or "
+            "with fixed nodes in one line only, about which they turn; allowed: organs of which "
+            "every part has three fixed nodes that are not in a line"
         )
+
+
+def _hold_still(points: NDArray[np.float64]) -> bool:
+    """Whether there are three points that are not in a line."""
+    if len(points) < 3:
+        return False
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > 1e-6 * spread[0])

@@ -113,6 +113,9 @@ class FiniteElement(MeshModel):
         self._shares = np.zeros((1, 1, LANES), dtype=self.springs.dtype)
         self._forces, self._until_forces = np.zeros(LANES), 0
         self._corrected = self._waits = self._foresees = self._guessed = False
+        # Compiled, or loaded from the cache, here: not every step calls it.
+        shape = self.responses.sum
+        add_share(0, np.zeros(0, dtype=np.bool_), shape, 0.0, shape, shape)
         if self.values["direct"]:
             self._direct = DirectSolver(self.stiffness)
         elif self.values["interest_radius"]:

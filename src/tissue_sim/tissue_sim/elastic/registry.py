@@ -34,6 +34,14 @@ MODELS: dict[str, type[MeshModel]] = {
     )
 }
 
+VARIANTS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("finite_element", {"corotated": 1}),
+    ("vertex_block_descent", {"dynamic": 1}),
+    ("spring_mass", {"volume_stiffness": 1.0}),
+    ("spring_mass", {"home_stiffness": 1.0}),
+)
+"""Parameters with which steps call kernels that they do not call by default."""
+
 
 def names() -> list[str]:
     """Names of the models."""
@@ -178,11 +186,11 @@ def warm_up(dtype: type[np.floating] = np.float32) -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=np.float64)
     tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
     held = np.array([4], dtype=np.int32)
-    for name in names():
+    defaults: list[tuple[str, dict[str, float]]] = [(name, {}) for name in names()]
+    for name, values in (*defaults, *VARIANTS):
         mesh = Mesh(RawMesh(corners, tets), np.arange(len(corners)) == 0)
-        model = MODELS[name](
-            mesh, Material(), checked_parameters(name, {}), SpringNetwork(mesh, Material(), dtype)
-        )
+        springs = SpringNetwork(mesh, Material(), dtype)
+        model = MODELS[name](mesh, Material(), checked_parameters(name, values), springs)
         state = State(mesh, dtype)
         state.prescribed[held] = True
         model.prescribed_changed(state, held)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix, eye_array
 
-from tissue_sim.elastic.block_factors import BlockFactors
+from tissue_sim.elastic.block_factors import BlockFactors, compile_solver
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.kernels.aggregates import farthest_points, spread_labels
 from tissue_sim.kernels.lanes import LANES
@@ -53,6 +53,7 @@ class RigidAggregates:
             aggregates = 0
         self._measure_arms(mesh.rest, aggregates)
         self._count = aggregates
+        compile_solver(dtype)
         self._factors = self._factorise(stiffness) if aggregates else None
         self._force = np.zeros((aggregates, 6, LANES), dtype=dtype)
         self._motion = np.zeros_like(self._force)
