@@ -42,12 +42,10 @@ def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
     Args:
         tets: Node rows, shape (element_count, 4).
     """
-    nodes = np.sort(tets[:, LOCAL_FACES].reshape(-1, 3).astype(np.int64), axis=1)
+    nodes = np.empty((4 * len(tets), 3), dtype=np.int64)
+    _sorted_faces(tets, LOCAL_FACES, nodes)
     order = order_of_triples(nodes)
-    ordered = nodes[order]
-    begins = np.ones(len(order), dtype=np.bool_)
-    begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    start = np.flatnonzero(begins)
+    start = np.flatnonzero(_begins(nodes, order))
     size = np.diff(np.append(start, len(order)))
     pairs = start[size == 2]
     crowded = np.concatenate(
@@ -55,6 +53,35 @@ def pair_faces(tets: NDArray[np.integer]) -> FacePairs:
         + [order[s : s + n] for s, n in zip(start[size > 2], size[size > 2], strict=True)]
     )
     return FacePairs(order[pairs], order[pairs + 1], np.sort(order[start[size == 1]]), crowded)
+
+
+@njit(cache=True, nogil=True)
+def _sorted_faces(
+    tets: NDArray[np.integer], corners: NDArray[np.int64], nodes: NDArray[np.int64]
+) -> None:
+    """Write the nodes of every face, ascending."""
+    for element in range(len(tets)):
+        for face in range(4):
+            a, b, c = (
+                tets[element, corners[face, 0]],
+                tets[element, corners[face, 1]],
+                tets[element, corners[face, 2]],
+            )
+            low, high = min(a, b, c), max(a, b, c)
+            row = 4 * element + face
+            nodes[row, 0], nodes[row, 1], nodes[row, 2] = low, a + b + c - low - high, high
+
+
+@njit(cache=True, nogil=True)
+def _begins(nodes: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Where in an order of triples one differs from the one before."""
+    begins = np.ones(len(order), dtype=np.bool_)
+    for place in range(1, len(order)):
+        a, b = order[place - 1], order[place]
+        begins[place] = (
+            nodes[a, 0] != nodes[b, 0] or nodes[a, 1] != nodes[b, 1] or nodes[a, 2] != nodes[b, 2]
+        )
+    return begins
 
 
 def order_of_triples(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
