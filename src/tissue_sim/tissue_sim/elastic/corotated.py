@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.corotation import Tangent
+from tissue_sim.elastic.loose_parts import LooseParts
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.rigid_aggregates import RigidAggregates
 from tissue_sim.elastic.springs import SpringNetwork
@@ -76,6 +77,7 @@ class Corotated:
         self._tolerance, self._rest_tolerance = tolerance, rest_tolerance
         self.tangent = Tangent(springs)
         self._aggregates = RigidAggregates(self.tangent)
+        self._loose = LooseParts(springs.mesh)
         shape = (springs.mesh.node_capacity, 3)
         self._vectors = Vectors(*(np.zeros(shape, dtype=springs.dtype) for _ in range(5)))
         self._held = np.empty(0, dtype=np.int32)
@@ -109,6 +111,7 @@ class Corotated:
         largest_squared(0, force)
         product(0, self.tangent.rows, nobody, shape, vectors.q)
         add_share(0, nobody, shape, 0.0, shape, shape)
+        self._loose.hold_still(nobody, self._vectors.z)
         self._precondition(nobody, 0.0)
         self._stale = True
 
@@ -129,6 +132,7 @@ class Corotated:
         if moved > 0.0:
             self._moves += 1
             self._disturb()
+            self._loose.hold_still(state.prescribed, self._vectors.r)
         if self.settled:
             return
         solved = not self._unknown and self._solved()
@@ -194,8 +198,10 @@ class Corotated:
         self._changed, self._stuck = True, share < 1.0
 
     def _product(self, prescribed: NDArray[np.bool_], y: NDArray[np.floating]) -> float:
-        """Q = W y; y . q."""
-        return float(product(self._count, self.tangent.rows, prescribed, y, self._vectors.q))
+        """Q = W y without rigid motions of loose parts, of which y has none; y . q."""
+        squared = product(self._count, self.tangent.rows, prescribed, y, self._vectors.q)
+        self._loose.hold_still(prescribed, self._vectors.q)
+        return float(squared)
 
     def _precondition(self, prescribed: NDArray[np.bool_], alpha: float) -> None:
         """Go alpha along p, and find z."""
@@ -205,6 +211,9 @@ class Corotated:
         )
         coarse.solve()
         _, largest = add_coarse(count, prescribed, coarse.arrays, coarse.motion, self._vectors)
+        if len(self._loose):
+            self._loose.hold_still(prescribed, self._vectors.z)
+            largest = largest_squared(count, self._vectors.z)
         self.residual, self._motion = math.sqrt(squared), math.sqrt(largest)
         self._stale = False
 
@@ -244,10 +253,13 @@ class Corotated:
     def _take_residual(self, prescribed: NDArray[np.bool_]) -> bool:
         """Find r by the linearisation in use; whether x is its shape, so that r is exact."""
         now, vectors, count = self.tangent.now, self._vectors, self._count
+        self._loose.follow_shape(now.shape, prescribed)
         away = subtract(count, vectors.x, now.shape, vectors.z)
         self._product(prescribed, vectors.z)
         squared = residual_from(count, prescribed, now.force, vectors.q, vectors.r)
         self._prescribed_force = math.sqrt(squared)
+        self._loose.hold_still(prescribed, vectors.r)
+        self._loose.hold_still(prescribed, vectors.p)
         self._pq = self._product(prescribed, vectors.p)
         precision = float(np.finfo(vectors.x.dtype).eps)
         reach = math.sqrt(largest_squared(count, vectors.x))
@@ -293,6 +305,8 @@ class Corotated:
         self._vectors.p[:] = 0.0
         self._pq = 0.0
         np.copyto(self._prescribed, state.prescribed)
+        self._loose.follow_prescribed(self.shape, state.prescribed)
+        self._loose.hold_still(state.prescribed, self._vectors.r)
 
     def follow(self, change: EditChange, state: State) -> None:
         """Follow an edit that the network has followed."""
@@ -304,6 +318,7 @@ class Corotated:
         self.shape[nodes] = state.displacement[nodes]
         self.tangent.follow_at(change, self.shape)
         self._aggregates.follow(change.copied_nodes, change.copy_parents, capacity)
+        self._loose.follow_elements()
         self._moves += 1
         self._renewing = False
         self._disturb()

@@ -94,7 +94,7 @@ class Tangent(Stiffness):
             clear_rows(*_part(at, CLEARING, mesh.node_rows), rows)
         elif at < CLEARING + ADDING:
             new.energy += add_elements(
-                *_part(at - CLEARING, ADDING, mesh.element_rows),
+                *_part(at - CLEARING, ADDING, mesh.element_rows), mesh.element_alive,
                 self.solid, new.shape, self._found, rows, new.force,
             )  # fmt: skip
         elif not self.complete:
@@ -116,8 +116,9 @@ class Tangent(Stiffness):
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the cache."""
         none, rows = self._all[:0], self._rows_of(self.next)
+        alive = self.springs.mesh.element_alive
         clear_rows(0, 0, rows)
-        add_elements(0, 0, self.solid, self.next.shape, self._found, rows, self.next.force)
+        add_elements(0, 0, alive, self.solid, self.next.shape, self._found, rows, self.next.force)
         assemble_nodes(none, self.solid, self.next.shape, self._found, rows)
         self.forces(none, self.next.shape, self.next.force[:0])
 

@@ -348,13 +348,14 @@ def _block(a, b, volume, found, out):  # type: ignore[no-untyped-def] # noqa: AN
 def add_elements(
     begin: int,
     end: int,
+    alive: NDArray[np.bool_],
     solid: Solid,
     u: NDArray[np.floating],
     found: Response,
     rows: BlockRows,
     f: NDArray[np.float64],
 ) -> float:
-    """Add the forces and the tangent of elements [begin, end) to `f` and `rows`.
+    """Add the forces and the tangent of living elements [begin, end) to `f` and `rows`.
 
     Returns:
         Their energy [J].
@@ -362,6 +363,8 @@ def add_elements(
     total = 0.0
     block = np.empty((3, 3))
     for element in range(begin, end):
+        if not alive[element]:
+            continue
         volume, energy = respond(solid, u, element, found)
         if volume == 0.0:
             continue

@@ -1,0 +1,103 @@
+"""Parts of an organ that nothing keeps from moving as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.rigid_parts import measure_parts, remove_rigid_motions
+
+RIGID = 1e-9
+"""Share of the largest below which an eigenvalue of a sum of squares counts as zero."""
+
+
+class LooseParts:
+    """Connected parts with too few prescribed nodes, and their rigid motions.
+
+    A part without prescribed nodes has six rigid motions, one that turns about a node three, about
+    two nodes or a line of them one. None of them has a stiffness, so a method that divides by
+    stiffness must leave them out: then the part keeps its place, and rounding does not move it.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Find the connected parts; which of them are loose is found by `follow_prescribed`."""
+        self._mesh = mesh
+        self._nodes = np.empty(0, dtype=np.int32)
+        self._begin = np.zeros(1, dtype=np.int64)
+        self._arms, self._inverse = np.empty((0, 3)), np.empty((0, 6, 6))
+        self._sums = np.empty((0, 2, 6, 6))
+        self.follow_elements()
+
+    def follow_elements(self) -> None:
+        """Find the connected parts anew after an edit."""
+        mesh = self._mesh
+        rows = mesh.element_rows
+        self._count, self._label = connected_components(
+            mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
+        )
+
+    def follow_prescribed(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
+        """Find which parts are loose.
+
+        Args:
+            shape: Displacements [m], shape (node_capacity, 3).
+            prescribed: Nodes whose motion is given, shape (node_capacity,).
+        """
+        loose = self._loose(shape, prescribed)
+        place = np.full(self._count + 1, -1)
+        place[loose] = np.arange(len(loose))
+        part = place[self._label]
+        nodes = np.flatnonzero(part >= 0)
+        self._nodes = nodes[np.argsort(part[nodes], kind="stable")].astype(np.int32)
+        sizes = np.bincount(part[nodes], minlength=len(loose))
+        self._begin = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        self._arms = np.zeros((len(nodes), 3))
+        self._sums = np.zeros((len(loose), 2, 6, 6))
+        self._inverse = np.zeros((len(loose), 6, 6))
+        self.follow_shape(shape, prescribed)
+
+    def _loose(
+        self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
+        """Numbers of parts whose prescribed nodes are none, at one place or in a line."""
+        given = np.flatnonzero(prescribed[: len(self._label)] & (self._label >= 0))
+        label = self._label[given]
+        counts = np.bincount(label, minlength=self._count)
+        divisor = counts.clip(min=1)[:, None]
+        places = self._mesh.rest[given] + shape[given]
+        middle = np.zeros((self._count, 3))
+        np.add.at(middle, label, places)
+        arms = places - (middle / divisor)[label]
+        spread = np.zeros((self._count, 3, 3))
+        np.add.at(spread, label, arms[:, :, None] * arms[:, None, :])
+        # Ascending: the second is zero when all are in a line.
+        widths = np.linalg.eigvalsh(spread)
+        loose: NDArray[np.int64] = np.flatnonzero(~(widths[:, 1] > RIGID * widths[:, 2]))
+        return loose
+
+    def follow_shape(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
+        """Rigid motions turn about the middles of parts in the present shape; see above."""
+        if not len(self._nodes):
+            return
+        measure_parts(
+            self._nodes, self._begin, self._mesh.rest, shape, prescribed, self._arms, self._sums
+        )
+        if not np.isfinite(self._sums).all():
+            self._inverse[:] = 0.0  # A lost state, which is about to be put back.
+            return
+        # Motions N y leave prescribed nodes where they are; G = N (N^T S N)^-1 N^T.
+        values, N = np.linalg.eigh(self._sums[:, 1])
+        N *= (values <= RIGID * values[:, -1:].clip(min=1.0))[:, None, :]
+        Nt = N.swapaxes(1, 2)
+        inner = np.linalg.pinv(Nt @ self._sums[:, 0] @ N, rcond=RIGID, hermitian=True)
+        self._inverse[:] = N @ inner @ Nt
+
+    def __len__(self) -> int:
+        """How many parts are loose."""
+        return len(self._begin) - 1
+
+    def hold_still(self, prescribed: NDArray[np.bool_], v: NDArray[np.floating]) -> None:
+        """Take the rigid motions of loose parts out of a field of vectors. Modifies `v`."""
+        remove_rigid_motions(self._nodes, self._begin, prescribed, self._arms, self._inverse, v)
