@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tissue_sim.kernels.lanes import add_scaled, load, minus, store
+from tissue_sim.kernels.lanes import in_lanes, load_lanes, store_lanes
 from tissue_sim.kernels.springs import FAST
 
 
@@ -32,26 +32,27 @@ class FactorArrays(NamedTuple):
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def _six(a, i):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    return load(a, i, 0), load(a, i, 1), load(a, i, 2), load(a, i, 3), load(a, i, 4), load(a, i, 5)
+    return (
+        load_lanes(a, i, 0), load_lanes(a, i, 1), load_lanes(a, i, 2),
+        load_lanes(a, i, 3), load_lanes(a, i, 4), load_lanes(a, i, 5),
+    )  # fmt: skip
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _row_product(block, row, v, zeros):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _row_product(k, row, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """A row of a block times six numbers, lane by lane."""
     at = 6 * row
-    first = add_scaled(add_scaled(zeros, block[at], v[0]), block[at + 1], v[1])
-    first = add_scaled(add_scaled(first, block[at + 2], v[2]), block[at + 3], v[3])
-    return add_scaled(add_scaled(first, block[at + 4], v[4]), block[at + 5], v[5])
+    first = k[at] * v[0] + k[at + 1] * v[1] + k[at + 2] * v[2] + k[at + 3] * v[3]
+    return first + k[at + 4] * v[4] + k[at + 5] * v[5]
 
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
-def _add_row(sums, block, row, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _add_row(sums, k, row, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Sums + a row of a block times one number, lane by lane."""
     at = 6 * row
     return (
-        add_scaled(sums[0], block[at], v), add_scaled(sums[1], block[at + 1], v),
-        add_scaled(sums[2], block[at + 2], v), add_scaled(sums[3], block[at + 3], v),
-        add_scaled(sums[4], block[at + 4], v), add_scaled(sums[5], block[at + 5], v),
+        sums[0] + k[at] * v, sums[1] + k[at + 1] * v, sums[2] + k[at + 2] * v,
+        sums[3] + k[at + 3] * v, sums[4] + k[at + 4] * v, sums[5] + k[at + 5] * v,
     )  # fmt: skip
 
 
@@ -72,25 +73,24 @@ def solve_lanes(
     """
     order, start, row, blocks, inverse = factors
     count = len(order)
-    zero = x.dtype.type(0)
-    zeros = (zero, zero, zero, zero)
+    zeros = in_lanes(x.dtype.type(0))
     for i in range(count):
         for c in range(6):
-            store(y, i, c, load(b, order[i], c))
+            store_lanes(y, i, c, load_lanes(b, order[i], c))
     for j in range(count):
         v = _six(y, j)
         for place in range(start[j], start[j + 1]):
             i, block = row[place], blocks[place]
             for c in range(6):
-                store(y, i, c, minus(load(y, i, c), _row_product(block, c, v, zeros)))
+                store_lanes(y, i, c, load_lanes(y, i, c) - _row_product(block, c, v))
     for j in range(count - 1, -1, -1):
         v = _six(y, j)
         sums = (zeros, zeros, zeros, zeros, zeros, zeros)
         for place in range(start[j], start[j + 1]):
             i, block = row[place], blocks[place]
             for c in range(6):
-                sums = _add_row(sums, block, c, load(y, i, c))
+                sums = _add_row(sums, block, c, load_lanes(y, i, c))
         for c in range(6):
-            value = minus(_row_product(inverse[j], c, v, zeros), sums[c])
-            store(y, j, c, value)
-            store(x, order[j], c, value)
+            value = _row_product(inverse[j], c, v) - sums[c]
+            store_lanes(y, j, c, value)
+            store_lanes(x, order[j], c, value)

@@ -1,79 +1,72 @@
-"""Arithmetic on lanes: four numbers side by side, one for each of four problems solved at once.
+"""Vectors with four lanes, one for each of four problems that are solved at once.
 
-What is written for the four becomes one vector instruction. Arrays of lanes have the lane last, as
-in shape (node_capacity, 3, 4); `c` is a component.
+Arrays of lanes have the lane last, as in shape (node_capacity, 3, 4), and are contiguous; `c` is a
+component.
 """
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any
 
-import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-from tissue_sim.kernels.springs import FAST
+from tissue_sim.kernels.vectors import Vector, place_of, splatted
 
 LANES = 4
-
-Lanes: TypeAlias = tuple[np.floating, np.floating, np.floating, np.floating]
-
-
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def load(a: NDArray[np.floating], i: int, c: int) -> Lanes:
-    """The lanes a[i, c]."""
-    return (a[i, c, 0], a[i, c, 1], a[i, c, 2], a[i, c, 3])
+"""Lanes: one SSE register of single precision numbers."""
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def store(a: NDArray[np.floating], i: int, c: int, v: Lanes) -> None:
-    """a[i, c] = v."""
-    a[i, c, 0] = v[0]
-    a[i, c, 1] = v[1]
-    a[i, c, 2] = v[2]
-    a[i, c, 3] = v[3]
+def _lanes_place(context: Any, builder: Any, array: Any, args: Any) -> tuple[Any, int]:
+    """Pointer to the four numbers a[i, c], and the alignment of a single one."""
+    value = context.make_array(array)(context, builder, args[0])
+    row = builder.mul(args[1], cgutils.unpack_tuple(builder, value.shape)[1])
+    first = builder.mul(builder.add(row, args[2]), ir.IntType(64)(LANES))
+    return place_of(builder, value.data, first, LANES)
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def plus(a: Lanes, b: Lanes) -> Lanes:
-    """a + b."""  # noqa: D403
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
+@intrinsic
+def load_lanes(typing: Any, array: Any, i: Any, c: Any) -> Any:
+    """The numbers a[i, c] of an array of shape (n, components, 4)."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer, size = _lanes_place(context, builder, array, args)
+        return builder.load(pointer, align=size)
+
+    return Vector(array.dtype, LANES)(array, types.int64, types.int64), generate
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def minus(a: Lanes, b: Lanes) -> Lanes:
-    """a - b."""  # noqa: D403
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3])
+@intrinsic
+def store_lanes(typing: Any, array: Any, i: Any, c: Any, vector: Any) -> Any:
+    """Write the numbers a[i, c] of an array of shape (n, components, 4)."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer, size = _lanes_place(context, builder, array, args)
+        builder.store(args[3], pointer, align=size)
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, types.int64, vector), generate
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def add_scaled(y: Lanes, k: np.floating, a: Lanes) -> Lanes:
-    """y + k a, with one factor for all lanes."""  # noqa: D403
-    return (y[0] + k * a[0], y[1] + k * a[1], y[2] + k * a[2], y[3] + k * a[3])
+@intrinsic
+def in_lanes(typing: Any, value: Any) -> Any:
+    """A number in each of the four lanes."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return splatted(builder, args[0], LANES)
+
+    return Vector(value, LANES)(value), generate
 
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def product_of(a: Lanes, b: Lanes) -> Lanes:
-    """a b, lane by lane."""  # noqa: D403
-    return (a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3])
+@intrinsic
+def wide(typing: Any, vector: Any) -> Any:
+    """The same numbers in double precision."""
 
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if vector.base == types.float64:
+            return args[0]
+        return builder.fpext(args[0], ir.VectorType(ir.DoubleType(), vector.lanes))
 
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def add_product(y: Lanes, a: Lanes, b: Lanes) -> Lanes:
-    """y + a b, lane by lane."""  # noqa: D403
-    return (y[0] + a[0] * b[0], y[1] + a[1] * b[1], y[2] + a[2] * b[2], y[3] + a[3] * b[3])
-
-
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def add_wide(total: Lanes, a: Lanes) -> Lanes:
-    """total + a, in double precision: a sum over many nodes."""  # noqa: D403
-    return (
-        total[0] + np.float64(a[0]), total[1] + np.float64(a[1]),
-        total[2] + np.float64(a[2]), total[3] + np.float64(a[3]),
-    )  # fmt: skip
-
-
-@njit(inline="always", error_model="numpy", fastmath=FAST)
-def larger(a: Lanes, b: Lanes) -> Lanes:
-    """The larger of a and b, lane by lane."""
-    return (max(a[0], b[0]), max(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3]))
+    return Vector(types.float64, vector.lanes)(vector), generate

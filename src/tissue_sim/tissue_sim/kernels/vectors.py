@@ -1,9 +1,10 @@
-"""Vectors of eight numbers as values in kernels: what a compiler does not find by itself.
+"""Vectors of numbers as values in kernels: what a compiler does not find by itself.
 
 A loop that fetches from anywhere is left scalar, and so are the roots and divisions in it. Kernels
 whose eight next springs or nodes do not touch each other say so by working on vectors, one lane
 for each. `+ - * /`, `<`, `>` and negation work lane by lane, also with a scalar of the lanes' own
-type. Products are fused with sums and not-a-numbers are not expected; nothing else is changed, so
+type. Vectors have eight lanes, or four (`kernels.lanes`); an operation takes operands of one
+length. Products are fused with sums and not-a-numbers are not expected; nothing else is changed, so
 that results do not depend on how a processor estimates inverses.
 
 Vectors live in registers only: between kernels inlined into each other.
@@ -22,7 +23,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 LANES = 8
-"""Lanes of a vector: one AVX register of single precision numbers."""
+"""Lanes of a vector unless it says otherwise: one AVX register of single precision numbers."""
 
 ROW = 4
 """Columns of arrays whose rows are fetched and put whole: one SSE register."""
@@ -37,9 +38,9 @@ _I32, _I64 = ir.IntType(32), ir.IntType(64)
 class Vector(types.Type):
     """The type of a vector, for the compiler."""
 
-    def __init__(self, base: types.Type) -> None:
-        self.base = base
-        super().__init__(name=f"Vector({base})")
+    def __init__(self, base: types.Type, lanes: int = LANES) -> None:
+        self.base, self.lanes = base, lanes
+        super().__init__(name=f"Vector({base}, {lanes})")
 
 
 @register_model(Vector)
@@ -47,23 +48,30 @@ class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, vector: Vector) -> None:
         logical = vector.base == types.boolean
         base = ir.IntType(1) if logical else manager[vector.base].get_value_type()
-        super().__init__(manager, vector, ir.VectorType(base, LANES))
+        super().__init__(manager, vector, ir.VectorType(base, vector.lanes))
 
 
 def _shuffled(builder: Any, a: Any, b: Any, mask: list[int]) -> Any:
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_I32, len(mask)), mask))
 
 
-def _splat(builder: Any, value: Any) -> Any:
-    vector = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
+def splatted(builder: Any, value: Any, lanes: int) -> Any:
+    """A vector with a number in every lane."""
+    vector = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
     vector = builder.insert_element(vector, value, _I32(0))
-    return _shuffled(builder, vector, vector, [0] * LANES)
+    return _shuffled(builder, vector, vector, [0] * lanes)
+
+
+def _lanes_of(kinds: Any) -> int:
+    """Lanes of the vectors among some operands; scalars alone fill a vector of `LANES`."""
+    return next((kind.lanes for kind in kinds if isinstance(kind, Vector)), LANES)
 
 
 def _widened(builder: Any, kinds: Any, values: Any) -> list[Any]:
     """Operands, the scalars among them in every lane."""
+    lanes = _lanes_of(kinds)
     return [
-        value if isinstance(kind, Vector) else _splat(builder, value)
+        value if isinstance(kind, Vector) else splatted(builder, value, lanes)
         for kind, value in zip(kinds, values, strict=True)
     ]
 
@@ -75,9 +83,10 @@ def _typed(function: Any, result: types.Type | None) -> None:
     class _Typing(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             bases = {kind.base if isinstance(kind, Vector) else kind for kind in args}
-            if not any(isinstance(kind, Vector) for kind in args) or len(bases) != 1:
+            lanes = {kind.lanes for kind in args if isinstance(kind, Vector)}
+            if len(lanes) != 1 or len(bases) != 1:
                 return None
-            return signature(Vector(result or bases.pop()), *args)
+            return signature(Vector(result or bases.pop(), lanes.pop()), *args)
 
 
 def _binary(function: Any, instruction: str, result: types.Type | None = None) -> None:
@@ -115,7 +124,7 @@ def _data(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return context.make_array(kind)(context, builder, value).data
 
 
-def _place(builder: Any, data: Any, at: Any, count: int) -> tuple[Any, int]:
+def place_of(builder: Any, data: Any, at: Any, count: int) -> tuple[Any, int]:
     """Pointer to `count` numbers as one value, and the alignment of a single one."""
     base = data.type.pointee
     pointer = builder.bitcast(builder.gep(data, [at]), ir.VectorType(base, count).as_pointer())
@@ -127,7 +136,7 @@ def load(typing: Any, array: Any, at: Any) -> Any:
     """Eight consecutive numbers of a one-dimensional array from place `at` on."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer, size = _place(builder, _data(context, builder, array, args[0]), args[1], LANES)
+        pointer, size = place_of(builder, _data(context, builder, array, args[0]), args[1], LANES)
         return builder.load(pointer, align=size)
 
     return Vector(array.dtype)(array, at), generate
@@ -135,10 +144,11 @@ def load(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, at: Any, vector: Any) -> Any:
-    """Write eight consecutive numbers of a one-dimensional array from place `at` on."""
+    """Write the consecutive numbers of a one-dimensional array from place `at` on."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer, size = _place(builder, _data(context, builder, array, args[0]), args[1], LANES)
+        data = _data(context, builder, array, args[0])
+        pointer, size = place_of(builder, data, args[1], vector.lanes)
         builder.store(args[2], pointer, align=size)
         return context.get_dummy_value()
 
@@ -150,7 +160,7 @@ def splat(typing: Any, value: Any) -> Any:
     """A number in every lane."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _splat(builder, args[0])
+        return splatted(builder, args[0], LANES)
 
     return Vector(value)(value), generate
 
@@ -173,7 +183,7 @@ def _row_places(
     for lane in range(LANES):
         index = builder.load(builder.gep(indices, [builder.add(at, at.type(lane))]))
         first = builder.mul(builder.zext(index, _I64), _I64(columns))
-        places.append(_place(builder, data, first, columns))
+        places.append(place_of(builder, data, first, columns))
     return places
 
 
@@ -249,7 +259,7 @@ def root(typing: Any, x: Any) -> Any:
         kind = args[0].type
         suffix = "f64" if kind.element == ir.DoubleType() else "f32"
         function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.v{LANES}{suffix}"
+            builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.v{kind.count}{suffix}"
         )
         return builder.call(function, args, fastmath=_FLAGS)
 
@@ -261,9 +271,10 @@ def select(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
     """Lanes of `yes` where the mask holds, of `no` elsewhere; either may be a scalar."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.select(args[0], *_widened(builder, sig.args[1:], args[1:]))
+        return builder.select(*_widened(builder, sig.args, args))
 
-    return (yes if isinstance(yes, Vector) else Vector(yes))(mask, yes, no), generate
+    base = yes.base if isinstance(yes, Vector) else yes
+    return Vector(base, mask.lanes)(mask, yes, no), generate
 
 
 @intrinsic
@@ -271,17 +282,17 @@ def bits(typing: Any, mask: Any) -> Any:
     """A mask as a number: bit k is lane k."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), _I64)
+        return builder.zext(builder.bitcast(args[0], ir.IntType(mask.lanes)), _I64)
 
     return types.int64(mask), generate
 
 
 @intrinsic
 def total(typing: Any, vector: Any) -> Any:
-    """Sum of the lanes, by halves: (0 + 4) + (2 + 6) + ((1 + 5) + (3 + 7))."""
+    """Sum of the lanes, by halves: of eight (0 + 4) + (2 + 6) + ((1 + 5) + (3 + 7))."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        value, half = args[0], LANES // 2
+        value, half = args[0], vector.lanes // 2
         while half:
             other = _shuffled(builder, value, value, list(range(half, 2 * half)))
             value = _shuffled(builder, value, value, list(range(half)))
