@@ -74,6 +74,15 @@ def test_the_bench_is_shown_as_it_came_out(repository: Path) -> None:
     ]
 
 
+def test_the_time_of_a_step_grows_as_the_organ_does(repository: Path) -> None:
+    growth = json.loads((repository / "docs/results/growth.json").read_text(encoding="utf-8"))
+    assert set(growth["slopes"]) == {case.label for case in bench_growth.CASES_OF_GROWTH}
+    assert all(0.9 <= slope <= 1.15 for slope in growth["slopes"].values())
+    nodes = {row["nodes"] for row in growth["rows"]}
+    assert min(nodes) == 1000
+    assert max(nodes) > 350_000
+
+
 def test_the_models_pulled_the_same_way_are_shown_as_they_came_out(repository: Path) -> None:
     result = json.loads((repository / "docs/results/models.json").read_text(encoding="utf-8"))
     rows = [model_study.Row(**row) for row in result["rows"]]
