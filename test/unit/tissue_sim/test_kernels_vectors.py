@@ -12,6 +12,7 @@ from tissue_sim.kernels.vectors import (
     bits,
     fetch_points,
     fetch_rows,
+    first_lanes,
     load,
     put_rows,
     root,
@@ -80,3 +81,16 @@ def test_rows_are_fetched_and_put_where_their_indices_say(dtype: type[np.floatin
     expected[places] = array[taken]
     expected[places, :3] += points[taken]
     np.testing.assert_array_equal(out, expected)
+
+
+@njit
+def keep(a, count, out):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201
+    store(out, 0, first_lanes(load(a, 0), count))
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 8, 100])
+def test_lanes_behind_a_count_are_zero(count: int) -> None:
+    a, out = np.arange(1.0, LANES + 1, dtype=np.float32), np.ones(LANES, dtype=np.float32)
+    a[-1] = np.inf
+    keep(a, count, out)
+    np.testing.assert_array_equal(out, np.where(np.arange(LANES) < count, a, 0))

@@ -18,7 +18,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tissue_sim.kernels.vectors import prefetch
+from tissue_sim.kernels.vectors import (
+    LANES,
+    fetch_points,
+    first_lanes,
+    load,
+    prefetch,
+    root,
+    select,
+    splat,
+    total,
+)
 
 FAST = {"contract", "nnan", "ninf", "nsz", "arcp"}
 """No `reassoc`: it turns the loops over neighbours into slow hardware gathers."""
@@ -47,7 +57,8 @@ class SpringArrays(NamedTuple):
         start: Where a node's list begins in `neighbour`, `stiffness` and `length`, shape
             (node_capacity,), uint32.
         degree: Length of the list, shape (node_capacity,), uint32.
-        neighbour: Node at the other end, uint32.
+        neighbour: Node at the other end, uint32. Behind the last list there is room for eight more
+            entries, which are read though nothing depends on them.
         stiffness: k [N/m].
         length: l0 [m].
     """
@@ -75,26 +86,31 @@ def _fetch_ahead(i, start, neighbour, stiffness, length):  # type: ignore[no-unt
 
 @njit(inline="always", error_model="numpy", fastmath=FAST)
 def _pull(i, springs, u, tiny):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Internal force on node i [N]; what its springs resist [N/m] along and, if taut, across."""
+    """Internal force on node i [N]; what its springs resist [N/m] along and, if taut, across.
+
+    Eight springs at once; what is behind the end of the list, other nodes' springs, counts nothing.
+    """
     rest, start, degree, neighbour, stiffness, length = springs
+    zero = tiny - tiny
     X0, X1, X2 = rest[i, 0], rest[i, 1], rest[i, 2]
     u0, u1, u2 = u[i, 0], u[i, 1], u[i, 2]
-    F0 = F1 = F2 = K = across = tiny - tiny
-    begin = start[i]
-    for spring in range(begin, begin + degree[i]):
-        j = neighbour[spring]
-        w0, w1, w2 = u[j, 0] - u0, u[j, 1] - u1, u[j, 2] - u2
-        D0, D1, D2 = rest[j, 0] - X0, rest[j, 1] - X1, rest[j, 2] - X2
+    F0 = F1 = F2 = K = across = splat(zero)
+    begin, many = np.int64(start[i]), np.int64(degree[i])
+    for past in range(0, many, LANES):
+        at = begin + past
+        w0, w1, w2 = fetch_points(u, neighbour, at)
+        w0, w1, w2 = w0 - u0, w1 - u1, w2 - u2
+        D0, D1, D2 = fetch_points(rest, neighbour, at)
+        D0, D1, D2 = D0 - X0, D1 - X1, D2 - X2
         e0, e1, e2 = D0 + w0, D1 + w1, D2 + w2
         q = (D0 + e0) * w0 + (D1 + e1) * w1 + (D2 + e2) * w2
-        length_now = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
-        pull = stiffness[spring] * q / (length_now * (length_now + length[spring]))
-        F0 += pull * e0
-        F1 += pull * e1
-        F2 += pull * e2
-        K += stiffness[spring]
-        across += max(pull, tiny - tiny)  # k (1 - l0/l)
-    return F0, F1, F2, K, across
+        length_now = root(e0 * e0 + e1 * e1 + e2 * e2 + tiny)
+        k = first_lanes(load(stiffness, at), many - past)
+        pull = k * q / (length_now * (length_now + load(length, at)))
+        F0, F1, F2 = F0 + pull * e0, F1 + pull * e1, F2 + pull * e2
+        K = K + k
+        across = across + select(pull > zero, pull, zero)  # k (1 - l0/l)
+    return total(F0), total(F1), total(F2), total(K), total(across)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

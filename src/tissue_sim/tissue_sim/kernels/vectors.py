@@ -278,6 +278,19 @@ def select(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
 
 
 @intrinsic
+def first_lanes(typing: Any, vector: Any, count: Any) -> Any:
+    """The lanes before `count`, zero in the others whatever they were."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind, lanes = args[0].type, vector.lanes
+        numbers = ir.Constant(ir.VectorType(_I64, lanes), list(range(lanes)))
+        inside = builder.icmp_signed("<", numbers, splatted(builder, args[1], lanes))
+        return builder.select(inside, args[0], ir.Constant(kind, [0.0] * lanes))
+
+    return vector(vector, types.int64), generate
+
+
+@intrinsic
 def bits(typing: Any, mask: Any) -> Any:
     """A mask as a number: bit k is lane k."""
 
