@@ -25,6 +25,7 @@ def test_the_models_are_there_and_follow_the_protocol() -> None:
         "relaxation",
         "spring_mass",
         "vertex_block_descent",
+        "voxel_chain_mail",
     ]
     for name in ALL:
         assert isinstance(registry.build(name, block_mesh(3), MATERIAL), Model)

@@ -16,6 +16,7 @@ from tissue_sim.elastic.relaxation import Relaxation
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
+from tissue_sim.elastic.voxel_mail import VoxelMail
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.quality import count_flat
@@ -31,6 +32,7 @@ MODELS: dict[str, type[MeshModel]] = {
         FiniteElement,
         VertexBlockDescent,
         ChainMail,
+        VoxelMail,
     )
 }
 
