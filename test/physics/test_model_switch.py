@@ -33,7 +33,7 @@ Relaxation leaves what is within its limits, 0.035 % of lengths, summed over 6 c
 
 REST = 5e-5
 
-JUMPS = {"chain_mail": 1.0}
+JUMPS = {"chain_mail": 1.0, "voxel_chain_mail": 1.0}
 """Longest way of a node in the first step, as a share of the pull; the others: 0.5.
 
 A step of ChainMail puts everything within its limits at once.
