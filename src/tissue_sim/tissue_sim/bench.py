@@ -126,6 +126,7 @@ CASES = (
     ),
     Case("vertex_block_descent, L = 4", "vertex_block_descent", "heart", (("levels", 4.0),)),
     Case("chain_mail", "chain_mail", "heart"),
+    Case("voxel_chain_mail", "voxel_chain_mail", "heart"),
     Case("quasi_static, all nodes", "quasi_static", "heart, surface", ALL_NODES),
     Case("lr, L = 4, one pass", "lr", "heart, surface"),
     Case("spring_mass, all active", "spring_mass", "heart, surface", disturbed=True),

@@ -20,7 +20,9 @@ from tissue_sim.elastic.relaxation import Relaxation, RelaxationPass
 from tissue_sim.elastic.spring_mass import SpringMass
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
+from tissue_sim.elastic.voxel_mail import VoxelMail
 from tissue_sim.kernels.relaxation import REMOVED_LENGTH
+from tissue_sim.kernels.springs import SpringArrays
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,9 @@ def work_of(model: MeshModel, state: State, looked: float | None = None) -> Work
     if isinstance(model, VertexBlockDescent):
         return _block_sweep(model)
     if isinstance(model, ChainMail):
-        return _chain_mail(model)
+        return _chain_mail(springs.arrays, model.awake)
+    if isinstance(model, VoxelMail):
+        return _voxel_mail(model)
     raise TypeError(f"nobody has counted the work of {type(model).__name__}")
 
 
@@ -126,7 +130,13 @@ def _block_sweep(model: VertexBlockDescent) -> Work:
     return Work(52 * lanes + 73 * nodes, 0, nodes, lanes, 262 * lanes + 60 * nodes)
 
 
-def _chain_mail(model: ChainMail) -> Work:
-    ends = int(model.springs.arrays.degree[model.awake].sum())
-    nodes = max(len(model.awake), 1)
-    return Work(16 * ends + 49 * nodes, 0, nodes, ends)
+def _chain_mail(links: SpringArrays, awake: NDArray[np.uint32]) -> Work:
+    ends, nodes = int(links.degree[awake].sum()), max(len(awake), 1)
+    return Work(4 * ends + 49 * nodes, 0, nodes, ends, 36 * ends + 7 * nodes)
+
+
+def _voxel_mail(model: VoxelMail) -> Work:
+    sweep = _chain_mail(model.lattice.arrays, model.awake)
+    nodes, asleep = int(model.mesh.node_alive.sum()), model.lattice.rows - len(model.awake)
+    moved = sweep.moved + 77 * nodes + 12 * asleep
+    return Work(moved, 0, sweep.nodes, sweep.springs, sweep.operations + 66 * nodes)
