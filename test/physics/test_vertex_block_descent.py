@@ -28,7 +28,7 @@ from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.vertex_block_descent import VertexBlockDescent
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
-from tissue_sim.geometry.shapes import block
+from tissue_sim.geometry.shapes import block, sphere_shell
 from tissue_sim.kernels.neo_hookean import node_response
 
 NAME = "vertex_block_descent"
@@ -215,31 +215,83 @@ def test_no_sweep_raises_the_energy_however_hard_the_pull(step: float) -> None:
     assert energies[-1] < 0.5 * energies[0]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize(("nodes", "sweeps"), [(5, 250), (9, 400)])
-def test_a_collapsed_organ_recovers(nodes: int, sweeps: int, seed: int) -> None:
-    mesh, model, state = scene(nodes, dtype=np.float32)
-    points, free = mesh.rest[: mesh.node_rows], ~mesh.fixed[: mesh.node_rows]
+def lumpy_block() -> tuple[RawMesh, np.ndarray]:
+    """A block whose inner nodes lie anywhere within a fifth of an edge from the grid."""
+    raw = block(7, 7, 7, SIZE, SIZE, SIZE)
+    inside = ((raw.points > 1e-9) & (raw.points < SIZE - 1e-9)).all(axis=1)
+    away = np.random.default_rng(7).normal(size=(5**3, 3))
+    raw.points[inside] += 0.2 * SIZE / 6 * away / np.linalg.norm(away, axis=1)[:, None]
+    return raw, np.isin(np.arange(7**3), raw.node_sets["fixed"])
+
+
+def shell() -> tuple[RawMesh, np.ndarray]:
+    """A hollow sphere with a wall of three layers, fixed at the bottom."""
+    raw = sphere_shell(SIZE / 2, 0.008, subdivisions=2, layers=3)
+    return raw, raw.points[:, 2] < -0.3 * SIZE
+
+
+def plain_block(nodes: int) -> tuple[RawMesh, np.ndarray]:
+    raw = block(nodes, nodes, nodes, SIZE, SIZE, SIZE)
+    return raw, np.isin(np.arange(nodes**3), raw.node_sets["fixed"])
+
+
+ORGANS = {
+    "block of 5^3": lambda: plain_block(5),
+    "block of 9^3": lambda: plain_block(9),
+    "lumpy block of 7^3": lumpy_block,
+    "sphere shell": shell,
+}
+"""All of them of the same size."""
+
+SWEEPS_AFTER_COLLAPSE = {
+    "block of 5^3": 180,
+    "block of 9^3": 290,
+    "lumpy block of 7^3": 270,
+    "sphere shell": 210,
+}
+SWEEPS_AFTER_INVERSION = 200
+"""Sweeps until the farthest node is within a thousandth of the size of rest; the page says so."""
+
+
+def organ(name: str) -> tuple[Mesh, VertexBlockDescent, State, np.ndarray]:
+    """An organ in single precision, and its free nodes."""
+    mesh = Mesh(*ORGANS[name]())
+    state, springs = State(mesh, np.float32), SpringNetwork(mesh, MATERIAL, np.float32)
+    model = registry.build(NAME, mesh, MATERIAL, {"levels": WHOLE_ORGAN}, springs)
+    assert isinstance(model, VertexBlockDescent)
+    return mesh, model, state, np.flatnonzero(mesh.node_alive & ~mesh.fixed)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("name", ORGANS)
+def test_a_collapsed_organ_recovers(name: str, seed: int) -> None:
+    mesh, model, state, free = organ(name)
     random = np.random.default_rng(seed)
-    places = points.mean(axis=0) + random.uniform(-1, 1, (free.sum(), 3)) * 1e-6 * SIZE
-    state.displacement[: mesh.node_rows][free] = places - points[free]
+    middle = mesh.rest[: mesh.node_rows].mean(axis=0)
+    places = middle + random.uniform(-1, 1, (len(free), 3)) * 1e-6 * SIZE
+    state.displacement[free] = places - mesh.rest[free]
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
-    steps(model, state, sweeps)
+    steps(model, state, SWEEPS_AFTER_COLLAPSE[name])
     assert off_rest(state) < 1e-3 * SIZE
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-@pytest.mark.parametrize("nodes", [5, 9])
-def test_an_organ_half_of_whose_elements_are_inverted_recovers(nodes: int, seed: int) -> None:
-    mesh, model, state = scene(nodes, dtype=np.float32)
-    free, size = np.flatnonzero(mesh.node_alive & ~mesh.fixed), 1e-3
-    while folded(mesh, state) < 0.49:
+@pytest.mark.parametrize("name", ORGANS)
+def test_an_organ_half_of_whose_elements_are_inverted_recovers(name: str, seed: int) -> None:
+    mesh, model, state, free = organ(name)
+    size, movable = 1e-3, movable_share(mesh)
+    while folded(mesh, state) < 0.49 * movable:
         size *= 1.1
         random = np.random.default_rng(seed)
         state.displacement[free] = random.normal(0, size, (len(free), 3))
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
-    steps(model, state, 400)
+    steps(model, state, SWEEPS_AFTER_INVERSION)
     assert off_rest(state) < 1e-3 * SIZE
+
+
+def movable_share(mesh: Mesh) -> float:
+    """Share of the elements that have a free node: the others cannot be inverted."""
+    return float((~mesh.fixed[mesh.tets[: mesh.element_rows]]).any(axis=1).mean())
 
 
 def test_elements_inverted_while_something_is_held_recover_without_any_unfolding() -> None:
@@ -382,7 +434,7 @@ def test_nodes_beyond_the_cut_off_stay() -> None:
     assert u[level == 3].any()
 
 
-@pytest.mark.parametrize("parameters", [{}, {"dynamic": 1.0, "damping": 0.05}])
+@pytest.mark.parametrize("parameters", [{}, {"dynamic": 1.0}])
 def test_a_drag_through_the_organ_and_its_release_end_at_rest(parameters: dict[str, Any]) -> None:
     mesh, model, state = scene(9, dtype=np.float32, **parameters)
     held = hold(model, state, ball(mesh, np.array([0.03, 0.03, SIZE]), 0.012), mesh)
@@ -430,7 +482,7 @@ def kinetic_energy(mesh: Mesh, model: VertexBlockDescent, state: State) -> float
     [(1 / 60, 300, 1e-6), (1e-3, 60, 1e-6), (1 / 60, 10, 1e-2), (1 / 60, 2, 1e-2)],
 )
 def test_free_motion_gains_no_energy(time_step: float, iterations: int, rise: float) -> None:
-    mesh, model, state = scene(6, dynamic=1, time_step=time_step, iterations=iterations)
+    mesh, model, state = scene(6, dynamic=1, time_step=time_step, iterations=iterations, damping=0)
     state.displacement[:] = 0.2 * mesh.rest[:, ::-1]
     state.displacement[mesh.fixed] = 0
     state.previous[:] = state.displacement
@@ -453,6 +505,7 @@ def test_a_bar_swings_at_its_frequency() -> None:
     raw = block(n, 2, 2, length, 0.01, 0.01)
     mesh = Mesh(raw, raw.points[:, 0] < 1e-9)
     values = {"dynamic": 1.0, "time_step": 2e-4, "iterations": 40.0, "rest_tolerance": 1e-12}
+    values["damping"] = 0.0
     springs, state = SpringNetwork(mesh, material, np.float64), State(mesh, np.float64)
     model = registry.build(NAME, mesh, material, values, springs)
     rows = mesh.node_rows
