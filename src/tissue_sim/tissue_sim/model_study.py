@@ -60,6 +60,7 @@ VARIANTS = (
     Variant("lr", "lr"),
     Variant("relaxation", "relaxation"),
     Variant("chain_mail", "chain_mail"),
+    Variant("voxel_chain_mail", "voxel_chain_mail"),
 )
 REFERENCE = VARIANTS[0]
 
