@@ -244,13 +244,16 @@ ORGANS = {
 """All of them of the same size."""
 
 SWEEPS_AFTER_COLLAPSE = {
-    "block of 5^3": 180,
+    "block of 5^3": 210,
     "block of 9^3": 290,
-    "lumpy block of 7^3": 270,
-    "sphere shell": 210,
+    "lumpy block of 7^3": 305,
+    "sphere shell": 215,
 }
 SWEEPS_AFTER_INVERSION = 200
-"""Sweeps until the farthest node is within a thousandth of the size of rest; the page says so."""
+"""Sweeps until no node is farther from rest than a thousandth of the size, and none swings back.
+
+The page says the same.
+"""
 
 
 def organ(name: str) -> tuple[Mesh, VertexBlockDescent, State, np.ndarray]:
@@ -271,8 +274,7 @@ def test_a_collapsed_organ_recovers(name: str, seed: int) -> None:
     places = middle + random.uniform(-1, 1, (len(free), 3)) * 1e-6 * SIZE
     state.displacement[free] = places - mesh.rest[free]
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
-    steps(model, state, SWEEPS_AFTER_COLLAPSE[name])
-    assert off_rest(state) < 1e-3 * SIZE
+    recovers(model, state, SWEEPS_AFTER_COLLAPSE[name])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -285,8 +287,15 @@ def test_an_organ_half_of_whose_elements_are_inverted_recovers(name: str, seed: 
         random = np.random.default_rng(seed)
         state.displacement[free] = random.normal(0, size, (len(free), 3))
     model.prescribed_changed(state, np.empty(0, dtype=np.int32))
-    steps(model, state, SWEEPS_AFTER_INVERSION)
-    assert off_rest(state) < 1e-3 * SIZE
+    recovers(model, state, SWEEPS_AFTER_INVERSION)
+
+
+def recovers(model: VertexBlockDescent, state: State, sweeps: int) -> None:
+    """It is back after so many sweeps, and stays."""
+    steps(model, state, sweeps)
+    for _ in range(100):
+        assert off_rest(state) < 1e-3 * SIZE
+        model.step(state)
 
 
 def movable_share(mesh: Mesh) -> float:
