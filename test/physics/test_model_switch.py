@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.elastic_scenes import split_edit
+from support.elastic_scenes import VARIANTS, split_edit
 from support.small_block import pose_of
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Material, State
@@ -33,6 +33,14 @@ Relaxation leaves what is within its limits, 0.035 % of lengths, summed over 6 c
 
 REST = 5e-5
 
+DRIFTS = {"dynamic vertex_block_descent": 5e-6}
+"""How far [m] a part cut free and flung away moves in the fifth second; the others: `DRIFT`.
+
+Its damping takes away all but e^-3 of the velocity a second.
+"""
+
+DRIFT = 1e-6
+
 JUMPS = {"chain_mail": 1.0, "voxel_chain_mail": 1.0}
 """Longest way of a node in the first step, as a share of the pull; the others: 0.5.
 
@@ -40,12 +48,12 @@ A step of ChainMail puts everything within its limits at once.
 """
 
 
-def simulation_of(model: str, fixed_side: int = 2) -> Simulation:
+def simulation_of(model: str, fixed_side: int = 2, **parameters: float) -> Simulation:
     """A block of 6 cm, fixed where the given axis is 0, and a grasper at its top."""
     raw = block(5, 5, 5)
     tool = ToolSpec("grasper", pose=tuple(pose_of(TOP)), size=(0.016,)).checked()
     mesh = Mesh(raw, raw.points[:, fixed_side] < 1e-9)
-    return Simulation(mesh, Scene(model=model, tools=(tool,)))
+    return Simulation(mesh, Scene(model=model, parameters={model: parameters}, tools=(tool,)))
 
 
 def frame_of(simulation: Simulation, lifted: float, edge: Edge = 0, **inputs: Any) -> Frame:
@@ -133,9 +141,10 @@ def test_a_switch_during_motion_stops_it() -> None:
     np.testing.assert_array_equal(simulation.state.previous, simulation.state.displacement)
 
 
-@pytest.mark.parametrize("model", ALL)
-def test_a_part_cut_free_neither_drifts_nor_blows_up(model: str) -> None:
-    simulation = simulation_of(model, fixed_side=0)
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_part_cut_free_neither_drifts_nor_blows_up(variant: str) -> None:
+    model, parameters = VARIANTS[variant]
+    simulation = simulation_of(model, fixed_side=0, **parameters)
     mesh = simulation.mesh
     pull(simulation)
     assert frame_of(simulation, PULL, edits=(split_edit(mesh, 0.03),)).edits
@@ -150,12 +159,47 @@ def test_a_part_cut_free_neither_drifts_nor_blows_up(model: str) -> None:
         frame_of(simulation, 3 * PULL)
     late = simulation.state.displacement[free].mean(axis=0, dtype=np.float64)
     assert simulation.lost_states == 0
-    assert np.abs(late - early).max() < 1e-6
+    assert np.abs(late - early).max() < DRIFTS.get(variant, DRIFT)
     assert np.linalg.norm(simulation.state.displacement, axis=1).max() < 2 * 3 * PULL
     rest = np.ones(mesh.node_rows, dtype=np.bool_)
     rest[free] = False
     left = np.abs(simulation.state.displacement[: mesh.node_rows][rest]).max()
     assert left < RESTS.get(model, REST)
+
+
+@pytest.mark.parametrize(
+    "variants",
+    [
+        ("lr", "corotated", "finite_element", "dynamic vertex_block_descent"),
+        ("dynamic vertex_block_descent", "corotated", "spring_mass", "vertex_block_descent"),
+    ],
+)
+def test_variants_take_over_a_part_that_was_cut_free(variants: tuple[str, ...]) -> None:
+    first, parameters = VARIANTS[variants[0]]
+    simulation = simulation_of(first, fixed_side=0, **parameters)
+    mesh = simulation.mesh
+    pull(simulation)
+    assert frame_of(simulation, PULL, edits=(split_edit(mesh, 0.03),)).edits
+    free = free_part(mesh)
+    middle = mesh.rest[free].mean(axis=0) + simulation.state.displacement[free].mean(axis=0)
+    for variant in variants[1:]:
+        before = simulation.state.displacement.copy()
+        model, parameters = VARIANTS[variant]
+        command = Command("set_model", {"model": model, "parameters": dict(parameters)}, "switch")
+        switch = FrameInputs((command,))
+        assert simulation.advance(switch, Budget(steps=0)).answers[0].success
+        np.testing.assert_array_equal(simulation.state.displacement, before)
+        for _ in range(20):
+            frame_of(simulation, PULL)
+        assert_held_where_the_tool_is(simulation, PULL)
+    frame_of(simulation, PULL, -1)
+    for _ in range(300):
+        frame_of(simulation, PULL)
+    assert simulation.lost_states == 0
+    end = mesh.rest[free].mean(axis=0) + simulation.state.displacement[free].mean(axis=0)
+    assert np.linalg.norm(end - middle) < PULL
+    rest = np.setdiff1d(np.arange(mesh.node_rows), free)
+    assert np.abs(simulation.state.displacement[rest]).max() < REST
 
 
 def free_part(mesh: Mesh) -> np.ndarray:

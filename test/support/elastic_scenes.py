@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,16 @@ from tissue_sim.geometry.shapes import block, wall
 
 MATERIAL = Material()
 NO_ROWS = np.empty(0, dtype=np.int32)
+
+VARIANTS: Mapping[str, tuple[str, Mapping[str, float]]] = {
+    **{name: (name, {}) for name in registry.names()},
+    "corotated": ("finite_element", {"corotated": 1.0}),
+    "dynamic vertex_block_descent": ("vertex_block_descent", {"dynamic": 1.0}),
+    "explicit Euler": ("spring_mass", {"integrator": 1.0, "damping": 0.2}),
+    "Runge-Kutta 2": ("spring_mass", {"integrator": 2.0, "damping": 0.1}),
+    "Runge-Kutta 4": ("spring_mass", {"integrator": 3.0}),
+}
+"""Every model with default parameters, and those that parameters make another method."""
 
 
 def block_mesh(nodes: int = 7, fixed: bool = True, size: float = 0.06) -> Mesh:

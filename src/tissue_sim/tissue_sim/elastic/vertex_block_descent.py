@@ -59,7 +59,7 @@ class VertexBlockDescent(MeshModel):
         Parameter("dynamic", 0, 0, 1, "", "1: with inertia; a step is a time step", integer=True),
         Parameter("time_step", FRAME, 1e-5, 0.1, "s", "simulated time of a dynamic step"),
         Parameter("iterations", 10, 1, 1000, "", "sweeps in a dynamic step", integer=True),
-        Parameter("damping", 0.0, 0.0, 0.9, "", "share of the velocity lost in a dynamic step"),
+        Parameter("damping", 0.05, 0.0, 0.9, "", "share of the velocity lost in a dynamic step"),
     )  # fmt: skip
 
     def __init__(
