@@ -23,12 +23,21 @@ DRAGS = {
     "along the wall": Drag("wall", (0.032, 0.1, 0.002), (0, -1, 0), 0.15),
 }
 
-LIMITS = {"relaxation": 0.9}
-"""Largest displacement afterwards as a share of the pull, where a model does not come back.
+RELAXATION_STAYS_AT = {
+    "through its fixed bottom": 0.85,
+    "from side to side": 0.56,
+    "across from a corner": 0.70,
+    "along the wall": 0.07,
+    "on the heart": 0.06,
+}
+"""Largest displacement afterwards as a share of the pull, where relaxation does not come back.
 
-Relaxation has no forces and knows no inside: what is folded within the limits stays so, as
-docs/relaxation.md says. It never leaves farther than it was pulled.
+It has no forces and knows no inside: what is folded within the limits stays so, as
+docs/relaxation.md says.
 """
+
+EULER_STAYS_AT = 0.58
+"""The same for explicit Euler where it creeps, as docs/spring_mass.md says."""
 
 COMES_BACK = 0.05
 
@@ -50,13 +59,18 @@ def dragged(model: str, way: Drag, **parameters: float) -> Simulation:
     return with_grasper(organ(way.geometry), model, way, radius, **parameters)
 
 
+def limit(model: str, way: str) -> float:
+    """The model's stated limit: largest displacement afterwards as a share of the pull."""
+    return RELAXATION_STAYS_AT[way] if model == "relaxation" else COMES_BACK
+
+
 @pytest.mark.parametrize("way", DRAGS)
 @pytest.mark.parametrize("model", registry.names())
 def test_tissue_comes_back_after_a_drag_right_through_it(model: str, way: str) -> None:
     simulation = dragged(model, DRAGS[way])
     left = drag(simulation, DRAGS[way], STEPS[DRAGS[way].geometry])
     assert simulation.lost_states == 0
-    assert left < LIMITS.get(model, COMES_BACK)
+    assert left < limit(model, way)
 
 
 @pytest.mark.parametrize("model", sorted(set(registry.names()) - set(NOT_ON_THE_HEART)))
@@ -64,13 +78,15 @@ def test_the_heart_comes_back_after_a_drag_right_through_it(model: str) -> None:
     simulation = dragged(model, HEART)
     left = drag(simulation, HEART, STEPS[HEART.geometry])
     assert simulation.lost_states == 0
-    assert left < LIMITS.get(model, COMES_BACK)
+    assert left < limit(model, "on the heart")
 
 
-def test_explicit_euler_comes_back_too_where_its_damping_lets_it() -> None:
-    # Stability asks for steps so short that `damping`, which is per step, makes the tissue creep:
-    # dragged through its fixed bottom it is still at half the pull after 5 s.
-    way = DRAGS["from side to side"]
-    simulation = dragged("spring_mass", way, integrator=1, damping=0.2)
-    assert drag(simulation, way, STEPS[way.geometry]) < COMES_BACK
+@pytest.mark.parametrize(
+    ("way", "stays_at"),
+    [("from side to side", COMES_BACK), ("through its fixed bottom", EULER_STAYS_AT)],
+)
+def test_explicit_euler_comes_back_as_far_as_its_damping_lets_it(way: str, stays_at: float) -> None:
+    # Stability asks for steps so short that `damping`, which is per step, makes the tissue creep.
+    simulation = dragged("spring_mass", DRAGS[way], integrator=1, damping=0.2)
+    assert drag(simulation, DRAGS[way], STEPS[DRAGS[way].geometry]) < stays_at
     assert simulation.lost_states == 0
