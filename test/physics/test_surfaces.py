@@ -260,7 +260,7 @@ def test_models_take_over_from_each_other_on_a_sheet() -> None:
         assert np.abs(state.displacement).max() < 0.004
 
 
-@pytest.mark.parametrize("name", ["finite_element", "vertex_block_descent"])
+@pytest.mark.parametrize("name", ["finite_element", "vertex_block_descent", "voxel_chain_mail"])
 def test_models_of_tetrahedra_are_refused_with_what_is_allowed(name: str) -> None:
     message = (
         f"model {name} needs tetrahedra, and ball is made of surfaces; allowed: chain_mail, lr"
