@@ -195,8 +195,8 @@ def test_voxels_that_followed_edits_are_those_of_a_lattice_made_afresh() -> None
     known = partner >= 0
     np.testing.assert_array_equal(known, old.place[: old.rows, 0] >= 0)
     assert len(np.unique(partner[known])) == known.sum() == (new.place[: new.rows, 0] >= 0).sum()
-    ours = {(int(partner[a]), int(partner[b])) for a, b in links(old)}
-    assert ours == {(int(a), int(b)) for a, b in links(new)}
+    renamed = {(int(partner[a]), int(partner[b])) for a, b in links(old)}
+    assert renamed == {(int(a), int(b)) for a, b in links(new)}
     np.testing.assert_array_equal(partner[old.corner[living]], new.corner[living])
 
 
