@@ -12,7 +12,9 @@ from rich.console import Console
 
 from tissue_sim import bench
 from tissue_sim.bench_table import print_table
+from tissue_sim.geometry.scene_geometry import load
 
+AXES = ("nodes_x", "nodes_y", "nodes_z")
 KEYS = {
     "model", "geometry", "nodes", "elements", "active_nodes", "threads", "steps_per_second",
     "ms_per_step", "bytes_per_step", "limit", "limit_share", "thesis_fps",
@@ -21,7 +23,10 @@ KEYS = {
 
 def test_every_row_has_every_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "TRIAD_NUMBERS", 1 << 20)
-    monkeypatch.setattr(bench, "FINE_CELL", 2.0e-3)
+    small, made = load("block", parameters=dict.fromkeys(AXES, 10)).mesh, bench.geometry
+    monkeypatch.setattr(
+        bench, "geometry", lambda name: small if name == bench.FINE_HEART else made(name)
+    )
     out = tmp_path / "deep" / "bench.json"
     result = bench.run_bench(out, seconds=0.05)
     assert json.loads(out.read_text()) == json.loads(json.dumps(result))

@@ -128,7 +128,8 @@ def expected_cost(cell: float) -> str:
     seconds = round(nodes * SECONDS_PER_NODE, -1)
     return (
         f"a heart of {1e3 * cell:g} mm cells has about {nodes:,} nodes; to generate and check it "
-        f"takes some {seconds:.0f} s on two free cores and {nodes * BYTES_PER_NODE / 1e9:.1f} GB of memory"
+        f"takes some {seconds:.0f} s on two free cores and {nodes * BYTES_PER_NODE / 1e9:.1f} GB "
+        "of memory"
     )
 
 
