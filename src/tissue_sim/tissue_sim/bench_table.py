@@ -1,4 +1,4 @@
-"""The rows of the bench as tables for a terminal."""
+"""The rows of the bench as tables for a terminal and for the README."""
 
 from __future__ import annotations
 
@@ -13,6 +13,35 @@ WIDE = 110
 _ALWAYS = (("ms a step", 9), ("steps/s", 7), ("of limit", 15), ("thesis", 6))
 _IF_WIDE = (("nodes", 8), ("springs", 10))
 """Headings with the width they get at least: with the longest names 77 columns, or 99."""
+
+
+IN_SHORT = (
+    ("wall", "quasi_static, all nodes"), ("wall", "spring_mass"), ("wall", "relaxation, one pass"),
+    ("wall", "lr, L = 4, one pass"), ("wall", "finite_element, motions known"),
+    ("wall", "vertex_block_descent, all nodes"), ("heart", "quasi_static, L = 4"),
+    ("heart", "spring_mass"), ("heart", "relaxation, one pass"), ("heart", "lr, L = 4, one pass"),
+    ("heart", "finite_element, iterating"), ("heart", "finite_element, motions known"),
+    ("heart", "vertex_block_descent, L = 4"), ("fine heart", "lr, L = 4, one pass"),
+    ("fine heart", "finite_element, iterating"),
+)  # fmt: skip
+"""Rows of the README's table."""
+
+
+def in_short(result: dict[str, Any]) -> str:
+    """Some rows of a result as a table for a page."""
+    rows = {(row["geometry"], row["model"]): row for row in result["rows"]}
+    lines = [
+        "| geometry | nodes | model | ms a step | steps a second | thesis |",
+        "|---|---|---|---|---|---|",
+    ]
+    for geometry, model in IN_SHORT:
+        row = rows[geometry, model]
+        thesis = f"{row['thesis_fps']:.0f}" if row["thesis_fps"] else ""
+        lines.append(
+            f"| {geometry} | {row['nodes']:,} | {model} | {row['ms_per_step']:.3f} "
+            f"| {row['steps_per_second']:,.0f} | {thesis} |"
+        )
+    return "\n".join(lines)
 
 
 def print_table(result: dict[str, Any], console: Console | None = None) -> None:

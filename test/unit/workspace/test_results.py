@@ -11,6 +11,8 @@ from tissue_sim import (
     bench,
     bench_growth,
     bench_peers,
+    bench_table,
+    grab_study,
     loop_study,
     model_study,
     prediction_study,
@@ -67,6 +69,7 @@ def test_the_bench_is_shown_as_it_came_out(repository: Path) -> None:
     steps = json.loads((repository / "docs/results/bench.json").read_text(encoding="utf-8"))
     growth = json.loads((repository / "docs/results/growth.json").read_text(encoding="utf-8"))
     assert bench.as_markdown(steps) in page
+    assert bench_table.in_short(steps) in (repository / "README.md").read_text(encoding="utf-8")
     assert bench_growth.as_markdown(growth) in page
     assert bench_growth.slopes(growth["rows"]) == growth["slopes"]
     assert [(row["model"], row["geometry"]) for row in steps["rows"]] == [
@@ -181,3 +184,22 @@ def test_accelerations_and_predictors_are_shown_as_they_came_out(repository: Pat
     now = prediction_study.pulled(organ, "vertex_block_descent", 2, "finite_element", 1)
     moving = frames["wall", "vertex_block_descent", 2, "finite_element", 1]["moving"]
     assert abs(now.moving - moving) < 0.1 * moving
+
+
+def test_the_study_of_grabs_is_shown_as_it_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/grabs.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/finite_element.md").read_text(encoding="utf-8")
+    assert grab_study.as_markdown(result) in page
+    rows = {(r["geometry"], r["motion"], r["event"]): r for r in result["rows"]}
+    assert len(rows) == len(grab_study.GEOMETRIES) * len(grab_study.MOTIONS) * 5
+    for (geometry, motion, event), row in rows.items():
+        # What was to be shown, and is: exact on the wall from the first frame on.
+        if geometry == "wall":
+            assert row["exact_after"] <= 0.02
+        if row["known_ms"] is not None:
+            assert row["known_ms"] < 1.0
+        if row["error"] is not None:
+            assert row["error"] < 0.01
+        if geometry == "heart" and motion == "moves" and event == "first grab":
+            assert row["exact_after"] < 1.0
+            assert row["error"] is not None

@@ -30,6 +30,9 @@ from tissue_sim.kernels.stiffness import forces_at, squared_forces
 SELDOM = 8
 """Checks of a lane between two measurements of the force on prescribed nodes."""
 
+YOUNG = 16
+"""Iterations after which a lane is not given up any more: its work would be lost."""
+
 
 class Work(Enum):
     """What a lane of the solver is for."""
@@ -204,9 +207,10 @@ class FiniteElement(MeshModel):
         if Work.NONE in self._work:
             return self._work.index(Work.NONE)
         lane = self.responses.overtaken() if overtake else None
-        if lane is not None:
-            self.responses.abandon(lane)
-            self._work[lane] = Work.NONE
+        if lane is None or self._solver.iterations[lane] > YOUNG:
+            return None
+        self.responses.abandon(lane)
+        self._work[lane] = Work.NONE
         return lane
 
     def _begin_lane(self, lane: int, work: Work, shape: NDArray[np.floating]) -> None:
