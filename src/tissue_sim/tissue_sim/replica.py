@@ -222,5 +222,6 @@ def _carried(shape: Shape, change: EditChange) -> Shape:
         new[change.moved_nodes] = np.einsum(
             "ij,ijk->ik", change.moved_weights, old[change.moved_anchors].astype(np.float64)
         )
-    new[change.copied_nodes] = new[change.copy_parents]
+    stays = change.stays
+    new[change.copied_nodes[stays]] = new[change.copy_parents[stays]]
     return Shape(shape.frame, change.edit.version, new)

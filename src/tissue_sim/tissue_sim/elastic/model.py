@@ -132,9 +132,9 @@ class State:
     def follow(self, mesh: Mesh, change: EditChange) -> None:
         """Carry the state over an edit that `mesh` has just applied. Modifies the state in place.
 
-        A moved node goes to the weighted mean of its anchors as they were; a copy starts where its
-        parent is, at the same current and previous position, so that no force jumps and no velocity
-        appears.
+        A moved node, or a new one with a place of its own, goes to the weighted mean of its anchors
+        as they were; any other copy starts where its parent is. Both go for the current and the
+        previous position, so that no force jumps and no velocity appears.
         """
         capacity, old_capacity = mesh.node_capacity, len(self.displacement)
         if capacity > old_capacity:
@@ -144,8 +144,12 @@ class State:
             self.prescribed = np.pad(self.prescribed, more[0])
         if len(change.moved_nodes):
             self._move(mesh, change)
+        stays = change.stays
+        copies, parents = change.copied_nodes[stays], change.copy_parents[stays]
         for array in (self.displacement, self.previous, self.prescribed):
-            array[change.copied_nodes] = array[change.copy_parents]
+            array[copies] = array[parents]
+        placed = change.copied_nodes[~stays]
+        self.prescribed[placed] = mesh.fixed[placed]
 
     def _move(self, mesh: Mesh, change: EditChange) -> None:
         place_of = np.full(mesh.node_rows, -1, dtype=np.int32)

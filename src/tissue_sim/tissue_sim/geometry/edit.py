@@ -45,7 +45,9 @@ class TopologyEdit:
         base_frame: State frame it was planned on.
         read_nodes: Ids of nodes the plan depends on, shape (n,).
         read_elements: Ids of elements the plan depends on, shape (n,).
-        moved_nodes: Ids of nodes whose rest position moves, shape (m,).
+        moved_nodes: Ids of nodes whose rest position moves, shape (m,). A node of `copied_nodes` may
+            be among them: it is then put to the place given, on an edge of the tissue for example,
+            and only the rest of it (whether it is fixed, say) comes from its parent.
         moved_rest: Their new rest positions [m], shape (m, 3).
         moved_anchors: Ids of the nodes of the element that contains each new place, shape (m, 4).
         moved_weights: Barycentric weights, shape (m, 4): the new current (and previous) position is
@@ -124,10 +126,12 @@ class EditChange:
 
     Attributes:
         edit: The edit with permanent ids and its version.
-        moved_nodes: Rows of nodes whose rest position moved, shape (m,).
+        moved_nodes: Rows of nodes whose rest position moved, new nodes that do not start where their
+            parents are included, shape (m,).
         moved_anchors: Rows of the anchors of each moved node, shape (m, 4).
         moved_weights: Barycentric weights, shape (m, 4).
-        old_moved_rest: Rest positions before the edit [m], shape (m, 3).
+        old_moved_rest: Rest positions before the edit [m], those of the parents for new nodes,
+            shape (m, 3).
         copied_nodes: Rows of the new nodes, shape (c,).
         copy_parents: Rows of their parents, shape (c,).
         elements: Rows of elements rewritten, removed or added, shape (e,).
@@ -151,3 +155,8 @@ class EditChange:
     new_elements: NDArray[np.int32]
     neighbours: NDArray[np.int32]
     nodes: NDArray[np.int32]
+
+    @property
+    def stays(self) -> NDArray[np.bool_]:
+        """Copies that start where their parents are; others are among the moved, shape (c,)."""
+        return np.isin(self.copied_nodes, self.moved_nodes, invert=True)

@@ -69,7 +69,6 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     _refuse_stale(mesh, edit)
     nodes = _Names(edit.copied_nodes, mesh.node_rows, "node")
     added = _Names(edit.added_elements, mesh.element_rows, "element")
-    moved = _known(edit.moved_nodes, mesh.node_rows_of, "moved node")
     anchors = _known(edit.moved_anchors, mesh.node_rows_of, "anchor node")
     parents = _known(edit.copy_parents, mesh.node_rows_of, "parent node")
     rewritten = _known(edit.rewritten_elements, mesh.element_rows_of, "rewritten element")
@@ -81,9 +80,11 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
         found = np.where(is_new, ids, mesh.node_rows_of(np.where(is_new, 0, ids)))
         return found.astype(np.int32)
 
+    moved = _known(nodes.permanent(edit.moved_nodes), old_or_new, "moved node")
+    placed = moved >= nodes.first
     rewritten_to = _known(nodes.permanent(edit.rewritten_nodes), old_or_new, "node")
     added_to = _known(nodes.permanent(edit.added_nodes), old_or_new, "node")
-    _refuse_fixed(mesh, moved)
+    _refuse_fixed(mesh, moved[~placed])
     _refuse_loose_copies(nodes.rows, rewritten_to, added_to)
     elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
     if len(sorted_unique(elements)) != len(elements):
@@ -92,7 +93,7 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     not_yet = np.full((len(added.rows), 4), NO_ROW, dtype=np.int32)
     old = np.concatenate([mesh.tets[rewritten], mesh.tets[removed], not_yet])
     new = np.concatenate([rewritten_to, gone, added_to])
-    neighbours = mesh.incident.of_all(moved)
+    neighbours = mesh.incident.of_all(moved[~placed])
     around = mesh.tets[neighbours[~among(neighbours, elements)]]
     remaining = np.concatenate([around, new[new[:, 0] != NO_ROW]])
     _refuse_flat(mesh, moved, edit.moved_rest, nodes.rows, parents, remaining)
@@ -100,6 +101,7 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     applied = replace(
         edit,
         version=mesh.version + 1,
+        moved_nodes=moved.astype(np.uint32),
         copied_nodes=nodes.rows.astype(np.uint32),
         rewritten_nodes=rewritten_to.astype(np.uint32),
         added_elements=added.rows.astype(np.uint32),
@@ -189,6 +191,7 @@ def _refuse_flat(
     of_parent = place_of[parents]
     was_moved = of_parent != NO_ROW
     places[len(moved) :][was_moved] = moved_rest[of_parent[was_moved]]
+    place_of[moved] = np.arange(len(moved))
     flat = count_flat(mesh.rest, place_of, places, tets)
     if flat:
         raise EditError(f"{flat} elements would have no positive rest volume")

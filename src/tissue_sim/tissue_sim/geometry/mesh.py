@@ -157,6 +157,7 @@ class Mesh:
         old_moved_rest = self.rest[moved]
         self.rest[moved] = edit.moved_rest
         self.rest[copies] = self.rest[parents]
+        self.rest[moved] = edit.moved_rest  # copies too that do not stay with their parents
         self.version += 1
         self._enter_nodes(copies, parents)
         self._enter_elements(checked.added, checked.added_parents, checked.removed)

@@ -180,7 +180,8 @@ class Holds:
         """Carry the holds over an edit. Modifies them in place.
 
         A copy joins the hold of the node it was copied from, at the same place in the tool's axes:
-        both lips of a cut made between the jaws are still between them, and nothing jumps. A held
+        both lips of a cut made between the jaws are still between them, and nothing jumps. A new
+        node with a place of its own is held there if all it lies between are held. A held
         node that snapping moved is held where it is now. Nodes that vanished leave their holds.
 
         Args:
@@ -197,6 +198,7 @@ class Holds:
         emptied = []
         for hold in list(self.by_id.values()):
             self._follow_moved(hold, change, moved_positions, hold.pose(poses))
+            self._follow_placed(hold, change, moved_positions, hold.pose(poses))
             self._follow_copies(hold, change)
             alive = mesh.node_alive[hold.rows]
             self.owner[hold.rows[~alive]] = NOBODY
@@ -220,18 +222,36 @@ class Holds:
         if moved.any():
             hold.local[order[place[moved]]] = rigid.to_local(pose, positions[moved])
 
+    def _follow_placed(
+        self,
+        hold: Hold,
+        change: EditChange,
+        positions: NDArray[np.float64],
+        pose: NDArray[np.float64],
+    ) -> None:
+        new = among(change.moved_nodes, change.copied_nodes)
+        if not new.any():
+            return
+        held = among(change.moved_anchors.ravel(), hold.rows).reshape(-1, 4)
+        mine = new & (held | (change.moved_weights == 0.0)).all(axis=1)
+        rows = change.moved_nodes[mine]
+        hold.local = np.concatenate([hold.local, rigid.to_local(pose, positions[mine])])
+        hold.rows = np.concatenate([hold.rows, rows])
+        self.owner[rows] = hold.id
+
     def _follow_copies(self, hold: Hold, change: EditChange) -> None:
         if not len(change.copied_nodes):
             return
+        stays = change.stays
         order = np.argsort(hold.rows)
         place = _places_in(hold.rows[order], change.copy_parents)
-        mine = place >= 0
+        mine = (place >= 0) & stays
         if mine.any():
             rows = change.copied_nodes[mine]
             hold.local = np.concatenate([hold.local, hold.local[order[place[mine]]]])
             hold.rows = np.concatenate([hold.rows, rows])
             self.owner[rows] = hold.id
-        waits = among(change.copy_parents, hold.waiting)
+        waits = among(change.copy_parents, hold.waiting) & stays
         hold.waiting = np.concatenate([hold.waiting, change.copied_nodes[waits]])
 
     def place(
