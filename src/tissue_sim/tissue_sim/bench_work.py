@@ -89,8 +89,7 @@ def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
     plain = Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
     if springs.torsion is None:
         return plain
-    start = springs.torsion.arrays.start.astype(np.int64)
-    seen = int((start[nodes.astype(np.int64) + 1] - start[nodes]).sum())
+    seen = int(springs.torsion.arrays.count[nodes].sum())
     moved = plain.moved + 12 * seen + 4 * len(nodes)
     return Work(moved, ends + seen, len(nodes), ends, 150 * seen)
 

@@ -23,17 +23,19 @@ from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
-from tissue_sim.geometry.sheet import Sheet, SheetStiffness
+from tissue_sim.geometry.sheet import SURFACE, Sheet, SheetStiffness
+from tissue_sim.geometry.sheet_rows import NO_ROW, WALL, SheetRows
 from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 
-ALIVE, FIXED = 1, 2
+ALIVE, FIXED, SPRING = 1, 2, 2
 """Bits of Topology.node_flags and element_flags."""
 
 _EDIT_IDS = (
     "read_nodes", "read_elements", "moved_nodes", "moved_anchors", "copied_nodes", "copy_parents",
     "rewritten_elements", "rewritten_nodes", "removed_elements", "added_elements", "added_nodes",
-    "added_parents",
+    "added_parents", "merged_nodes", "merged_into", "returned_nodes", "returned_like",
+    "returned_elements",
 )  # fmt: skip
 _EDIT_REALS = ("moved_rest", "moved_weights")
 _EDIT_ITEMS = {"moved_anchors": 4, "rewritten_nodes": 4, "added_nodes": 4, "moved_weights": 4}
@@ -157,23 +159,32 @@ def mesh_to_topology(mesh: Mesh, epoch: bytes, frame_id: str, stamp: Time) -> To
     fill(message.rest_positions, mesh.rest[:nodes])
     fill(message.element_ids, mesh.element_ids[:elements])
     fill(message.element_file_ids, mesh.element_file_ids[:elements])
-    fill(message.element_flags, mesh.element_alive[:elements])
+    springs = (mesh.tets[:elements, 2] < 0) & (mesh.sheet_rows is not None)
+    fill(message.element_flags, mesh.element_alive[:elements] * ALIVE + springs * SPRING)
     fill(message.element_regions, mesh.regions[:elements])
     # Removed elements keep the rows they had; their nodes may be gone, their ids are still good.
-    fill(message.tetrahedra, mesh.node_ids[mesh.tets[:elements]])
+    if mesh.sheet_rows is None:
+        fill(message.tetrahedra, mesh.node_ids[mesh.tets[:elements]])
     fill(message.region_labels, np.array(list(mesh.region_names), dtype=np.int32))
     message.region_names = list(mesh.region_names.values())
-    fill(message.surface_triangles, mesh.node_ids[surface_triangles(mesh)])
-    if mesh.sheet is not None:
-        _fill_sheet(message, mesh, mesh.sheet)
+    if mesh.sheet_rows is not None:
+        _fill_sheet(message, mesh, mesh.sheet_rows)
+    else:
+        fill(message.surface_triangles, mesh.node_ids[surface_triangles(mesh)])
     return message
 
 
-def _fill_sheet(message: Topology, mesh: Mesh, sheet: Sheet) -> None:
-    fill(message.triangle_thickness, sheet.thickness)
-    fill(message.springs, mesh.node_ids[sheet.springs])
-    fill(message.spring_categories, sheet.categories)
-    fill(message.spring_volumes, sheet.volumes)
+def _fill_sheet(message: Topology, mesh: Mesh, sheet: SheetRows) -> None:
+    """Triangles and springs in the order of their rows; flags tell whose row is whose."""
+    rows = mesh.element_rows
+    items, alive = mesh.tets[:rows], mesh.element_alive[:rows]
+    is_spring = items[:, 2] < 0
+    triangles, springs = np.flatnonzero(alive & ~is_spring), np.flatnonzero(alive & is_spring)
+    fill(message.surface_triangles, mesh.node_ids[items[triangles, :3]])
+    fill(message.triangle_thickness, sheet.tissue[triangles])
+    fill(message.springs, mesh.node_ids[items[springs, :2]])
+    fill(message.spring_categories, sheet.kinds[springs])
+    fill(message.spring_volumes, sheet.tissue[springs])
     fill(message.category_stiffness, np.array(astuple(sheet.stiffness)))
     message.category_names = [field.name for field in fields(sheet.stiffness)]
 
@@ -186,9 +197,12 @@ def _sheet_of(message: Topology) -> Sheet | None:
         return None
     factors = map(float, message.category_stiffness)
     named = dict(zip(map(str, message.category_names), factors, strict=True))
+    triangles = array_of(message.surface_triangles, np.uint32).reshape(-1, 3).astype(np.int32)
+    is_wall = thickness == 0.0
     return Sheet(
-        triangles=array_of(message.surface_triangles, np.uint32).reshape(-1, 3).astype(np.int32),
-        thickness=thickness,
+        triangles=triangles[~is_wall],
+        walls=triangles[is_wall],
+        thickness=thickness[~is_wall],
         springs=array_of(message.springs, np.uint32).reshape(-1, 2).astype(np.int32),
         categories=array_of(message.spring_categories, np.uint8),
         volumes=array_of(message.spring_volumes, np.float64),
@@ -203,7 +217,8 @@ def topology_to_mesh(message: Topology) -> Mesh:
     replica's staleness check, since the simulation has judged it already.
     """
     flags = array_of(message.node_flags, np.uint8)
-    alive = array_of(message.element_flags, np.uint8) & ALIVE > 0
+    element_flags = array_of(message.element_flags, np.uint8)
+    alive = element_flags & ALIVE > 0
     raw = RawMesh(
         points=array_of(message.rest_positions, np.float64).reshape(-1, 3),
         tetrahedra=array_of(message.tetrahedra, np.uint32).reshape(-1, 4).astype(np.int64),
@@ -220,11 +235,33 @@ def topology_to_mesh(message: Topology) -> Mesh:
     mesh.version = int(message.version)
     mesh.node_alive[: len(flags)] = (flags & ALIVE) > 0
     mesh.node_parents[: len(flags)] = array_of(message.node_parents, np.uint32)
+    if mesh.sheet_rows is not None:
+        if len(alive):
+            _place_rows(mesh, message, alive, element_flags & SPRING > 0)
+        return mesh
     mesh.element_alive[: len(alive)] = alive
     if not alive.all():
         rows = mesh.element_rows
         mesh.incident = Incidence.build(mesh.tets[:rows], alive, mesh.node_capacity)
     return mesh
+
+
+def _place_rows(
+    mesh: Mesh, message: Topology, alive: NDArray[np.bool_], is_spring: NDArray[np.bool_]
+) -> None:
+    """Put the elements of a sheet into the rows they had. Modifies the mesh in place."""
+    triangles, springs = np.flatnonzero(alive & ~is_spring), np.flatnonzero(alive & is_spring)
+    items = np.full((len(alive), 4), NO_ROW, dtype=np.int32)
+    corners = array_of(message.surface_triangles, np.uint32).reshape(-1, 3)
+    thickness = array_of(message.triangle_thickness, np.float64)
+    items[triangles, :3] = corners
+    items[springs, :2] = array_of(message.springs, np.uint32).reshape(-1, 2)
+    kinds, tissue = np.zeros(len(alive), dtype=np.uint8), np.zeros(len(alive))
+    kinds[triangles] = np.where(thickness > 0.0, SURFACE, WALL)
+    kinds[springs] = array_of(message.spring_categories, np.uint8)
+    tissue[triangles] = thickness
+    tissue[springs] = array_of(message.spring_volumes, np.float64)
+    mesh.place_items(items, alive, kinds, tissue)
 
 
 # State
@@ -279,6 +316,8 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         ("copied_nodes", ("copy_parents",)),
         ("rewritten_elements", ("rewritten_nodes",)),
         ("added_elements", ("added_nodes", "added_parents")),
+        ("merged_nodes", ("merged_into",)),
+        ("returned_nodes", ("returned_like",)),
     ):
         for other in others:
             if len(arrays[name]) != len(arrays[other]):

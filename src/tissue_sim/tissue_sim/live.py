@@ -24,7 +24,7 @@ from tissue_sim import snapshot
 from tissue_sim.commands import CommandError, checked_model
 from tissue_sim.elastic.model import Model
 from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, ToolSample
-from tissue_sim.geometry.edit import EditError, TopologyEdit
+from tissue_sim.geometry.edit import REDO, UNDO, EditError, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
@@ -178,7 +178,8 @@ class LiveSimulation:
         static = self.simulation.model.time_step is None
         steps = self.steps_per_frame if static else 0
         budget = Budget(self.budget, steps or None, until)
-        with self._mesh_changes if edits else contextlib.nullcontext():
+        changes = edits or any(command.kind in (UNDO, REDO) for command in commands)
+        with self._mesh_changes if changes else contextlib.nullcontext():
             frame = self.simulation.advance(inputs, budget)
         if frame.tools_changed:
             self._follow_tools()
@@ -232,6 +233,8 @@ class LiveSimulation:
     def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
         if self.loading:
             refuse(request, "BUSY", f"a {self.busy_with} is running")
+        elif request.kind in (UNDO, REDO) and self.busy_with == "set_model":
+            refuse(request, "BUSY", "a model is being built on the mesh as it is")
         elif request.kind == "save":
             self._save(request)
         elif request.kind in ("set_model", "load", "reset"):
@@ -354,4 +357,6 @@ def mesh_for_keyframe(mesh: Mesh) -> Mesh:
         setattr(view, name, getattr(mesh, name)[:nodes].copy())
     for name in ("tets", "element_ids", "element_file_ids", "element_alive", "regions"):
         setattr(view, name, getattr(mesh, name)[:elements].copy())
+    if mesh.sheet_rows is not None:
+        view.sheet_rows = mesh.sheet_rows.copy(elements)
     return view

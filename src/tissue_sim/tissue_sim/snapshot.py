@@ -8,7 +8,7 @@ import re
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,9 @@ class Snapshot:
         return Mesh(self.raw, self.fixed)
 
 
+_NO_WALLS = np.empty((0, 3), dtype=np.int32)
+
+
 def path_of(folder: Path, name: str) -> Path:
     """Where a snapshot lies.
 
@@ -87,6 +90,7 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
     """
     nodes = np.flatnonzero(mesh.node_alive[: mesh.node_rows])
     elements = np.flatnonzero(mesh.element_alive[: mesh.element_rows])
+    elements = elements[:0] if mesh.sheet_rows is not None else elements
     row = np.full(mesh.node_rows, -1, dtype=np.int64)
     row[nodes] = np.arange(len(nodes))
     raw = RawMesh(
@@ -95,7 +99,7 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
         regions=mesh.regions[elements],
         region_names=dict(mesh.region_names),
         fibres=mesh.fibres[elements],
-        sheet=mesh.sheet,
+        sheet=_renumbered(mesh.sheet, row),
         node_file_ids=mesh.node_file_ids[nodes],
         element_file_ids=mesh.element_file_ids[elements],
         name=mesh.name,
@@ -180,7 +184,16 @@ def _sheet_arrays(sheet: Sheet) -> dict[str, NDArray[Any]]:
         "sheet_categories": sheet.categories,
         "sheet_volumes": sheet.volumes,
         "sheet_stiffness": np.array(astuple(sheet.stiffness)),
+        "sheet_walls": sheet.walls,
     }
+
+
+def _renumbered(sheet: Sheet | None, row: NDArray[np.int64]) -> Sheet | None:
+    """A sheet whose nodes are in other rows."""
+    if sheet is None:
+        return None
+    names = ("triangles", "springs", "walls")
+    return replace(sheet, **{name: row[getattr(sheet, name)].astype(np.int32) for name in names})
 
 
 def _checked_sheet(path: Path, values: Mapping[str, NDArray[Any]]) -> Sheet | None:
@@ -194,6 +207,8 @@ def _checked_sheet(path: Path, values: Mapping[str, NDArray[Any]]) -> Sheet | No
             categories=values["sheet_categories"].astype(np.uint8),
             volumes=values["sheet_volumes"].astype(np.float64),
             stiffness=SheetStiffness(*map(float, values["sheet_stiffness"])),
+            # Saved before sheets could be cut.
+            walls=values.get("sheet_walls", _NO_WALLS).astype(np.int32).reshape(-1, 3),
         )
         return checked_sheet(sheet, values["points"].astype(np.float64))
     except (KeyError, TypeError, ValueError) as error:

@@ -122,7 +122,7 @@ def test_any_geometry_can_be_a_surface_and_keeps_its_nodes() -> None:
     surface = load("block", parameters=block, sheet=SheetSettings(SURFACE))
     mesh = surface.mesh
     assert mesh.sheet is not None
-    assert mesh.element_rows == 0
+    assert (mesh.tets[: mesh.element_rows, 3] == -1).all()
     assert mesh.node_rows == 5**3 - 3**3
     place = {int(i): p for i, p in zip(volume.raw.node_file_ids, volume.raw.points, strict=True)}
     for file_id, point in zip(surface.raw.node_file_ids, surface.raw.points, strict=True):

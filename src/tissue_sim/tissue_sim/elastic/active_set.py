@@ -198,13 +198,16 @@ class ActiveSet:
         return largest_force(self.springs, nodes, 0, end, state)
 
     def follow(self, change: EditChange, state: State) -> None:
-        """Follow an edit: copies join their parents, and what lies near it lingers."""
+        """Follow an edit: copies join their parents, what vanished is let go, what is near lingers."""
         self._match_capacity()
         self._forget_moves()
+        if self.lingering.homing is not None:
+            self.lingering.homing.follow()
         self.ordering.follow(change)
-        self.lingering.elsewhere[change.copied_nodes] = self.lingering.elsewhere[
-            change.copy_parents
-        ]
+        self.lingering.drop(change.vanished_nodes)
+        elsewhere = self.lingering.elsewhere
+        elsewhere[change.copied_nodes] = elsewhere[change.copy_parents]
+        elsewhere[change.returned_nodes] = elsewhere[change.returned_like]
         if len(self._held):
             self.end = self.ordering.end_of(self.levels)
         if self.keep_until_rest:
@@ -212,7 +215,8 @@ class ActiveSet:
             near = self._near.nodes[: self._near.used]
             level = self.ordering.level[near]
             swept = (level != UNREACHED) & (level <= self.levels) if self.end else False
-            self.lingering.join(near[~(swept | state.prescribed[near])])
+            gone = ~self.springs.mesh.node_alive[near]
+            self.lingering.join(near[~(swept | state.prescribed[near] | gone)])
 
     def _match_capacity(self) -> None:
         extra = self.springs.mesh.node_capacity - len(self.lingering.member)

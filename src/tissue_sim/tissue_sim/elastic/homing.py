@@ -31,12 +31,21 @@ class Homing:
     springs resist, momentum makes many times more of it. Parts without a fixed node lie well
     wherever they are and are left alone.
 
-    Sheets cannot be cut: their parts stay what they are.
+    A cut leaves the rest shape as it is, and closes again if nothing is held.
     """
 
     def __init__(self, springs: SpringNetwork) -> None:
         """Find what hangs together with a fixed node."""
-        mesh, tiny = springs.mesh, springs.tiny
+        self._springs = springs
+        self._dtype, self._tiny = springs.dtype, springs.tiny
+        self._free, self._sweeps = False, 0
+        self.follow()
+        none, nowhere = np.zeros(0, dtype=np.uint32), np.zeros((0, 3), springs.dtype)
+        draw_home(none, 0, 0, self._anchored, springs.dtype(1.0), self._tiny, nowhere, nowhere)
+
+    def follow(self) -> None:
+        """Find it anew after an edit that the network has followed."""
+        springs, mesh = self._springs, self._springs.mesh
         rows, used = mesh.node_rows, springs.springs.alive[: springs.rows]
         count, part = connected_components(springs.springs.ends[: springs.rows], used, rows)
         fixed = np.zeros(count + 1, dtype=np.bool_)
@@ -44,15 +53,12 @@ class Homing:
         fixed[-1] = False
         self._anchored = np.zeros(mesh.node_capacity, dtype=np.bool_)
         self._anchored[:rows] = fixed[part]
-        self._dtype, self._tiny = springs.dtype, tiny
-        self._free, self._sweeps = False, 0
-        none, nowhere = np.zeros(0, dtype=np.uint32), np.zeros((0, 3), springs.dtype)
-        draw_home(none, 0, 0, self._anchored, springs.dtype(1.0), tiny, nowhere, nowhere)
+        self._sweeps = 0
 
     @classmethod
     def of(cls, springs: SpringNetwork) -> Homing | None:
         """What brings a sheet home; None for tetrahedra."""
-        return None if springs.mesh.sheet is None else cls(springs)
+        return None if springs.mesh.sheet_rows is None else cls(springs)
 
     def begin(self, free: bool) -> None:
         """Wait anew; `free`: whether nothing is held."""

@@ -93,7 +93,8 @@ class InternalForces:
         numbers = (self.volume, RESERVE, 1.0, 1.0 / 6.0)
         self._volumes = Volumes(*(springs.dtype(number) for number in numbers))
         turning = values["turning_pressure"] * springs.material.young_modulus
-        self._turns, self._turning = turning > 0.0, springs.dtype(turning / 6.0)
+        self._turns = turning > 0.0 and self.mesh.sheet_rows is None
+        self._turning = springs.dtype(turning / 6.0)
         self.inverted = self._part = 0
         self._sliced = SlicedSprings(springs)
         self._list = np.zeros(self.mesh.element_capacity, dtype=np.int32)

@@ -97,6 +97,15 @@ class Lingering:
             self.elsewhere, self.member, self._last_move, self.nodes,
         )  # fmt: skip
 
+    def drop(self, nodes: NDArray[np.int32]) -> None:
+        """Let go of nodes that are no more."""
+        if not self.member[nodes].any():
+            return
+        self.member[nodes] = False
+        kept = self.nodes[: self.count][self.member[self.nodes[: self.count]]]
+        self.count = len(kept)
+        self.nodes[: self.count] = kept
+
     def join(self, nodes: NDArray[np.uint32]) -> None:
         """Let free nodes linger too, after those that do."""
         new = nodes[~self.member[nodes]]
@@ -120,6 +129,8 @@ class Lingering:
         Where a large part is inside out its nodes confirm each other and springs undo what one
         look in `UNFLIP_WITHIN` sweeps does: then all that was swept is looked at, every time.
         """
+        if self.homing is not None:
+            return 0  # Triangles have no inside to tell by.
         if self._flipping <= PATIENCE:
             part = self._sweeps % UNFLIP_WITHIN
             begin = self.count * part // UNFLIP_WITHIN

@@ -61,7 +61,7 @@ def sweep_with_momentum(
     Returns:
         Largest squared distance a node moved [m^2].
     """
-    if springs.mesh.sheet is not None and momentum > 0.0:
+    if springs.mesh.sheet_rows is not None and momentum > 0.0:
         step = springs.dtype(IN_SHEETS * step)
     if springs.torsion is not None:
         return float(

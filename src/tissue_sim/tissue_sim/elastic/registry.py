@@ -174,6 +174,8 @@ def check_elements(mesh: Mesh) -> None:
         ValueError: An element has no positive volume at rest.
     """
     tets = mesh.tets[: mesh.element_rows][mesh.element_alive[: mesh.element_rows]]
+    if mesh.sheet_rows is not None:
+        return  # `geometry.sheet.checked_sheet` and the checks of edits see to it.
     nowhere = np.full(mesh.node_capacity, -1, dtype=np.int32)
     flat = count_flat(mesh.rest, nowhere, np.empty((0, 3)), tets)
     if flat:

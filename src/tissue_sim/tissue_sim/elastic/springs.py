@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
-from tissue_sim.elastic.sheet_springs import sheet_springs
+from tissue_sim.elastic.sheet_springs import categories_of, sheet_edges
 from tissue_sim.elastic.torsion import TorsionSprings
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.incidence import sorted_unique
@@ -44,8 +44,8 @@ class SpringNetwork:
     mass density_t V_t / 4; fibres do not count. A split that moves nothing hands these shares out
     anew, so that total stiffness and mass stay. Springs are kept by row (tombstones where one was
     removed) and by node, with spare room, in the layout that sweeps read.
-    In a sheet the triangles do the same with their area times thickness, and there are the sheet's
-    own springs besides (`sheet_springs`).
+    In a sheet the triangles do the same with their area times thickness, and elements that are
+    springs give themselves the volume of their tissue (`geometry.sheet_rows`).
 
     Attributes:
         mesh: The mesh that is followed.
@@ -83,10 +83,11 @@ class SpringNetwork:
         self._stiff = self._heavy = self._volumes
         if not self.field.one_modulus:
             self._stiff = self._volumes.copy()
-        if not self.field.one_density:
+        if not self.field.one_density or mesh.sheet_rows is not None:
             self._heavy = self._volumes.copy()
         self._measure(np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32))
         self._scratch = _scratch(mesh.node_capacity)
+        self._buried: dict[int, NDArray[np.int32]] = {}
         self._masses = np.zeros(mesh.node_capacity)
         self._to_weigh = [np.arange(mesh.node_rows, dtype=np.int32)]
         self.categories = np.empty(0, dtype=np.uint8)
@@ -107,11 +108,6 @@ class SpringNetwork:
     @property
     def masses(self) -> NDArray[np.float64]:
         """Mass of each node [kg], shape (node_capacity,); weighed when somebody asks."""
-        if self.mesh.sheet is not None and self._to_weigh:
-            rows = self.mesh.node_rows
-            volumes = self.mesh.sheet.node_volumes(self.mesh.rest[:rows])
-            self._masses[:rows] = self.material.density * volumes
-            self._to_weigh.clear()
         for nodes in self._to_weigh:
             networks.node_volumes(nodes, self.elements._replace(volumes=self._heavy), self._masses)
             self._masses[nodes] *= self.material.density
@@ -153,6 +149,11 @@ class SpringNetwork:
         self._measure(change.neighbours)
         self._to_weigh.append(change.nodes)
         kinds, rows = self._repair(change)
+        if self.mesh.sheet_rows is not None:
+            made = self.springs.ends[len(self.categories) : self.rows]
+            self.categories = np.concatenate([self.categories, categories_of(self.mesh, made)])
+        if self.torsion is not None:
+            self.torsion.follow(change, self._rest)
         self.version = version
         self.last_change = SpringChange(version, rows, kinds)
         return self.last_change
@@ -163,16 +164,22 @@ class SpringNetwork:
         most = int(self._lists.degree[nodes].sum(dtype=np.int64)) + 6 * len(change.elements)
         kinds, rows = np.empty(most, dtype=np.int8), np.empty(most, dtype=np.int32)
         self._scratch.among[nodes] = True
+        buried = self._buried.pop(change.edit.reverts, _no_rows())
         done = count = 0
         while done < len(nodes):
             done, self.rows, self._used, count = networks.repair(
                 nodes, done, self.springs, self.rows, self._lists, self._used, self._stiff_elements,
-                self._rest, self.material.young_modulus, self._scratch, kinds, rows, count,
+                self._rest, self.material.young_modulus, self._scratch, buried, kinds, rows, count,
             )  # fmt: skip
             if done < len(nodes):
                 self._make_room()
         self._scratch.among[nodes] = False
-        return kinds[:count], rows[:count]
+        kinds, rows = kinds[:count], rows[:count]
+        gone = rows[kinds == REMOVED]
+        ends = self.springs.ends[gone]
+        # An undo of this edit gives them their rows back.
+        self._buried[change.edit.version] = gone[np.lexsort((ends[:, 1], ends[:, 0]))]
+        return kinds, rows
 
     @property
     def elements(self) -> networks.Elements:
@@ -190,9 +197,15 @@ class SpringNetwork:
         short = self.mesh.element_capacity - len(self._volumes)
         if short > 0:
             self._volumes = np.concatenate([self._volumes, np.zeros(short)])
-            one, light = self.field.one_modulus, self.field.one_density
+            one = self.field.one_modulus
+            light = self.field.one_density and self.mesh.sheet_rows is None
             self._stiff = self._volumes if one else _padded(self._stiff, len(self._volumes))
             self._heavy = self._volumes if light else _padded(self._heavy, len(self._volumes))
+        sheet = self.mesh.sheet_rows
+        if sheet is not None:
+            stiff, heavy = sheet.volumes(elements, self.mesh.rest, self.mesh.tets)
+            self._volumes[elements], self._heavy[elements] = stiff, heavy
+            return
         networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
         if not self.field.one_modulus:
             self._stiff[elements] = self._volumes[elements] * self.field.stiffness_of(elements)
@@ -202,9 +215,11 @@ class SpringNetwork:
     def _build_rows(self) -> tuple[networks.Springs, int]:
         mesh = self.mesh
         alive = mesh.element_alive[: mesh.element_rows]
-        edges = _edges_of(mesh.tets[: mesh.element_rows][alive])
         if mesh.sheet is not None:
-            edges, volumes, self.categories = sheet_springs(mesh.sheet, mesh.rest[: mesh.node_rows])
+            edges = sheet_edges(mesh.sheet)
+            self.categories = categories_of(mesh, edges)
+        else:
+            edges = _edges_of(mesh.tets[: mesh.element_rows][alive])
         rows = len(edges)
         capacity = int(rows * 1.25) + 1024
         springs = networks.Springs(
@@ -214,9 +229,6 @@ class SpringNetwork:
         networks.measure_springs(
             springs, rows, self._stiff_elements, self._rest, self.material.young_modulus
         )  # fmt: skip
-        if mesh.sheet is not None:
-            moduli = self.material.young_modulus * volumes
-            springs.stiffness[:rows] = moduli / springs.length[:rows] ** 2
         return springs, rows
 
     def _build_lists(self) -> tuple[networks.Lists, int]:

@@ -23,6 +23,13 @@ def hinges(triangles: NDArray[np.integer]) -> NDArray[np.int32]:
         Nodes of each hinge: the two of the edge, then the opposite node of the triangle that runs
         along it in this direction, then that of the other; shape (h, 4), in the order of edges.
     """
+    return hinges_and_triangles(triangles)[0]
+
+
+def hinges_and_triangles(
+    triangles: NDArray[np.integer],
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """`hinges`, and the places of their two triangles, shape (h, 2)."""
     directed = sides(triangles)
     opposite = triangles[:, [2, 0, 1]].ravel()
     keys = edge_keys(directed)
@@ -33,7 +40,8 @@ def hinges(triangles: NDArray[np.integer]) -> NDArray[np.int32]:
     first = order[starts[counts == 2]]
     second = order[starts[counts == 2] + 1]
     found = np.concatenate([directed[first], opposite[first, None], opposite[second, None]], axis=1)
-    return found[found[:, 2] != found[:, 3]].astype(np.int32)
+    real = found[:, 2] != found[:, 3]
+    return found[real].astype(np.int32), np.stack([first // 3, second // 3], axis=1)[real]
 
 
 def angular_springs(

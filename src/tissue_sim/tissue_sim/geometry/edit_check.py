@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import (
     PROVISIONAL,
+    REDO,
     EditError,
     StaleEditError,
     TopologyEdit,
@@ -19,6 +20,7 @@ from tissue_sim.geometry.edit import (
 from tissue_sim.geometry.incidence import among, sorted_unique
 from tissue_sim.geometry.look_up import any_changed
 from tissue_sim.geometry.quality import count_flat
+from tissue_sim.geometry.sheet_edit import count_without_size, item_nodes, refuse_bad_items
 
 if TYPE_CHECKING:
     from tissue_sim.geometry.mesh import Mesh
@@ -39,8 +41,9 @@ class CheckedEdit:
         edit: The edit.
         version: Version of the mesh it was checked on.
         applied: The edit with permanent ids and the version it will make.
-        moved_nodes, moved_anchors, copied_nodes, copy_parents, removed, added, added_parents: Rows
-            of what the edit names.
+        moved_nodes, moved_anchors, copied_nodes, copy_parents, removed, added, added_parents,
+            merged_nodes, merged_into, returned_nodes, returned_like, returned_elements: Rows of
+            what the edit names.
         elements, old_elements, new_elements, neighbours, nodes: As in `EditChange`.
     """
 
@@ -59,44 +62,76 @@ class CheckedEdit:
     new_elements: Rows
     neighbours: Rows
     nodes: Rows
+    merged_nodes: Rows
+    merged_into: Rows
+    returned_nodes: Rows
+    returned_like: Rows
+    returned_elements: Rows
 
 
 def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     """Check an edit; see `Mesh.check`."""
     refuse_malformed(edit)
-    if mesh.sheet is not None:
-        raise EditError(SHEETS_STAY_WHOLE)
     _refuse_stale(mesh, edit)
-    nodes = _Names(edit.copied_nodes, mesh.node_rows, "node")
-    added = _Names(edit.added_elements, mesh.element_rows, "element")
-    anchors = _known(edit.moved_anchors, mesh.node_rows_of, "anchor node")
+    again = edit.kind == REDO
+    nodes = _Names(edit.copied_nodes, mesh.node_rows, mesh.node_alive, "node", again)
+    added = _Names(edit.added_elements, mesh.element_rows, mesh.element_alive, "element", again)
+    back = _returning(edit.returned_nodes, mesh.node_rows, mesh.node_alive, "node")
+    elements_back = _returning(
+        edit.returned_elements, mesh.element_rows, mesh.element_alive, "element"
+    )
+
+    def living_rows(ids: NDArray[np.integer], *new: Rows) -> Rows:
+        """Rows of nodes that live, are new or come back; -1 where there is none."""
+        comes = np.zeros(np.shape(ids), dtype=np.bool_)
+        for rows in new:
+            if len(rows):
+                comes |= among(ids, rows)
+        found = np.where(comes, ids, mesh.node_rows_of(np.where(comes, 0, ids)))
+        return found.astype(np.int32)
+
+    def old_or_back(ids: NDArray[np.integer]) -> Rows:
+        return living_rows(ids, back) if len(back) else mesh.node_rows_of(ids)
+
+    def old_or_new(ids: NDArray[np.integer]) -> Rows:
+        return living_rows(ids, nodes.rows, back)
+
+    moved = _known(nodes.permanent(edit.moved_nodes), old_or_new, "moved node")
+    anchors = _known(edit.moved_anchors, old_or_back, "anchor node")
     parents = _known(edit.copy_parents, mesh.node_rows_of, "parent node")
     rewritten = _known(edit.rewritten_elements, mesh.element_rows_of, "rewritten element")
     removed = _known(edit.removed_elements, mesh.element_rows_of, "removed element")
     born_of = _known(edit.added_parents, mesh.element_rows_of, "parent element")
+    merged = _known(edit.merged_nodes, mesh.node_rows_of, "merged node")
+    into = _known(edit.merged_into, old_or_back, "node to merge into")
+    like = _known(edit.returned_like, old_or_back, "node to be displaced like")
 
-    def old_or_new(ids: NDArray[np.int64]) -> Rows:
-        is_new = (ids >= nodes.first) & (ids < nodes.first + len(nodes.rows))
-        found = np.where(is_new, ids, mesh.node_rows_of(np.where(is_new, 0, ids)))
-        return found.astype(np.int32)
+    def nodes_of(ids: NDArray[np.integer]) -> Rows:
+        return _known(nodes.permanent(ids), old_or_new, "node")
 
-    moved = _known(nodes.permanent(edit.moved_nodes), old_or_new, "moved node")
-    placed = moved >= nodes.first
-    rewritten_to = _known(nodes.permanent(edit.rewritten_nodes), old_or_new, "node")
-    added_to = _known(nodes.permanent(edit.added_nodes), old_or_new, "node")
-    _refuse_fixed(mesh, moved[~placed])
-    _refuse_loose_copies(nodes.rows, rewritten_to, added_to)
-    elements = np.concatenate([rewritten, removed, added.rows]).astype(np.int32)
+    rewritten_to = _corners(mesh, edit.rewritten_nodes, nodes_of)
+    added_to = _corners(mesh, edit.added_nodes, nodes_of)
+    back_to = _corners(mesh, mesh.tets[elements_back], lambda ids: _known(ids, old_or_back, "node"))
+    # A new node with a place of its own belongs to no element yet, and may be fixed.
+    shifted = moved[~among(moved, nodes.rows)]
+    _refuse_fixed(mesh, shifted)
+    elements = np.concatenate([rewritten, removed, added.rows, elements_back]).astype(np.int32)
     if len(sorted_unique(elements)) != len(elements):
         raise EditError("an element is rewritten or removed twice in one edit")
-    gone = np.full((len(removed), 4), NO_ROW, dtype=np.int32)
-    not_yet = np.full((len(added.rows), 4), NO_ROW, dtype=np.int32)
-    old = np.concatenate([mesh.tets[rewritten], mesh.tets[removed], not_yet])
-    new = np.concatenate([rewritten_to, gone, added_to])
-    neighbours = mesh.incident.of_all(moved[~placed])
+    old = np.concatenate(
+        [mesh.tets[rewritten], mesh.tets[removed], _nobody(added.rows), _nobody(elements_back)]
+    )
+    new = np.concatenate([rewritten_to, _nobody(removed), added_to, back_to])
+    named = new[new[:, 0] != NO_ROW]
+    _refuse_loose(np.concatenate([nodes.rows, back]), named)
+    if mesh.sheet_rows is not None:
+        refuse_bad_items(mesh, (rewritten, rewritten_to), (born_of, added_to), removed, nodes.rows)
+    _refuse_half_merged(mesh, merged, into, elements, named)
+    neighbours = mesh.incident.of_all(np.concatenate([shifted, into]))
     around = mesh.tets[neighbours[~among(neighbours, elements)]]
-    remaining = np.concatenate([around, new[new[:, 0] != NO_ROW]])
-    _refuse_flat(mesh, moved, edit.moved_rest, nodes.rows, parents, remaining)
+    _refuse_flat(
+        mesh, moved, edit.moved_rest, nodes.rows, parents, np.concatenate([around, named])
+    )
     touched = np.concatenate([old.ravel(), new.ravel(), around.ravel(), moved])
     applied = replace(
         edit,
@@ -110,14 +145,53 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     return CheckedEdit(
         edit, mesh.version, applied, moved, anchors, nodes.rows, parents, removed, added.rows,
         born_of, elements, old, new, neighbours, sorted_unique(touched[touched != NO_ROW]),
+        merged, into, back, like, elements_back,
     )  # fmt: skip
+
+
+def _corners(
+    mesh: Mesh, ids: NDArray[np.integer], known: Callable[[NDArray[np.integer]], Rows]
+) -> Rows:
+    """Node rows of elements; triangles and springs have none in some places."""
+    if mesh.sheet_rows is None:
+        return known(ids)
+    return item_nodes(ids.astype(np.uint32), known)
+
+
+def _nobody(elements: Rows) -> Rows:
+    """Nodes of elements that are not there."""
+    return np.full((len(elements), 4), NO_ROW, dtype=np.int32)
+
+
+def _returning(ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_], what: str) -> Rows:
+    """Rows of what comes back: each was there once, and is not there now."""
+    wide = np.asarray(ids, dtype=np.int64)
+    there = wide < rows
+    there[there] = ~alive[wide[there]]
+    if not there.all():
+        bad = wide[~there][:5].tolist()
+        raise EditError(f"the edit brings back a {what} that has not vanished: id {bad}")
+    if len(sorted_unique(wide)) != len(wide):
+        raise EditError(f"the edit brings back a {what} twice")
+    return wide.astype(np.int32)
 
 
 class _Names:
     """Permanent rows for ids of new things, provisional in a plan, permanent in a replica."""
 
-    def __init__(self, ids: NDArray[np.uint32], first: int, what: str) -> None:
+    def __init__(
+        self,
+        ids: NDArray[np.uint32],
+        first: int,
+        alive: NDArray[np.bool_],
+        what: str,
+        again: bool,
+    ) -> None:
         self.first = first
+        if again:
+            # A redo names what it makes by the ids that the edit gave it.
+            self.rows = _returning(ids, first, alive, what)
+            return
         offset = np.asarray(ids, dtype=np.int64)
         provisional = bool(len(offset)) and int(offset[0]) >= PROVISIONAL
         expected = np.arange(len(offset)) + (PROVISIONAL if provisional else first)
@@ -166,13 +240,24 @@ def _refuse_fixed(mesh: Mesh, moved: Rows) -> None:
         raise EditError(f"fixed nodes cannot be moved: id {ids.tolist()}")
 
 
-def _refuse_loose_copies(copies: Rows, rewritten: Rows, added: Rows) -> None:
-    if not len(copies):
+def _refuse_loose(new: Rows, named: Rows) -> None:
+    """Refuse new nodes that no element has."""
+    loose = ~among(new, named.ravel())
+    if loose.any():
+        raise EditError(f"{int(loose.sum())} copied nodes would belong to no element")
+
+
+def _refuse_half_merged(mesh: Mesh, merged: Rows, into: Rows, elements: Rows, named: Rows) -> None:
+    """Refuse nodes that vanish into others and are still there, or that vanish twice."""
+    if not len(merged):
         return
-    named = np.concatenate([rewritten.ravel(), added.ravel()])
-    uses = np.bincount(named[named >= copies[0]] - copies[0], minlength=len(copies))
-    if not uses.all():
-        raise EditError(f"{int((uses == 0).sum())} copied nodes would belong to no element")
+    if len(sorted_unique(merged)) != len(merged) or among(into, merged).any():
+        raise EditError("a node vanishes into two others, or into one that vanishes")
+    kept = ~among(mesh.incident.of_all(merged), elements)
+    if kept.any() or among(merged, named.ravel()).any():
+        raise EditError("a node that vanishes into another would still belong to an element")
+    if not np.array_equal(mesh.rest[merged], mesh.rest[into]):
+        raise EditError("a node would vanish into one that lies elsewhere at rest")
 
 
 def _refuse_flat(
@@ -192,6 +277,10 @@ def _refuse_flat(
     was_moved = of_parent != NO_ROW
     places[len(moved) :][was_moved] = moved_rest[of_parent[was_moved]]
     place_of[moved] = np.arange(len(moved))
+    if mesh.sheet_rows is not None:
+        if flat := count_without_size(mesh.rest, place_of, places, tets):
+            raise EditError(f"{flat} triangles or springs would have no size at rest")
+        return
     flat = count_flat(mesh.rest, place_of, places, tets)
     if flat:
         raise EditError(f"{flat} elements would have no positive rest volume")

@@ -42,6 +42,8 @@ def _fill(
         if alive[item]:
             for corner in range(items.shape[1]):
                 node = items[item, corner]
+                if node < 0:
+                    continue
                 data[start[node] + count[node]] = item
                 count[node] += 1
 
@@ -145,12 +147,13 @@ class Incidence:
         """Build the lists of items by node.
 
         Args:
-            items: Node rows of each item, shape (item_count, corners).
+            items: Node rows of each item, shape (item_count, corners); -1 for none.
             alive: Items that count, shape (item_count,).
             node_capacity: Number of lists.
         """
         lists = cls(node_capacity)
-        degree = np.bincount(items[alive].ravel(), minlength=node_capacity)
+        corners = items[alive].ravel()
+        degree = np.bincount(corners[corners >= 0], minlength=node_capacity)
         lists.room[:] = degree + np.where(degree > 0, SLACK, 0)
         ends = np.cumsum(lists.room, dtype=np.int64)
         lists.start[1:] = ends[:-1]

@@ -12,13 +12,15 @@ from tissue_sim.geometry.edit_check import NO_ROW, CheckedEdit, check_edit
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.look_up import living_rows
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet import Sheet
+from tissue_sim.geometry.sheet_rows import SheetRows
 
 
 class Mesh:
     """A tetrahedral mesh that edits change in place, with permanent ids and spare capacity.
 
-    Tissue can also be a sheet of triangles and springs; then there are no elements, and no edit
-    can be applied.
+    Tissue can also be a sheet; then its elements are triangles, whose last node is -1, and springs,
+    whose last two are (`geometry.sheet_rows`).
 
     Rows are where things lie in memory; ids are what everyone but kernels uses. A removed node or
     element leaves a tombstone (`*_alive` false). Rows never move within a session, so Gauss-Seidel
@@ -42,7 +44,7 @@ class Mesh:
         fibres: Unit vector along the fibres of each element at rest, zero where it has none,
             float32, shape (element_capacity, 3).
         incident: Element rows at each node row.
-        sheet: Triangles and springs of tissue without elements; None: there are elements.
+        sheet_rows: What the elements of a sheet are; None: tetrahedra.
         version: Grows with every edit; 1 when built.
     """
 
@@ -56,10 +58,14 @@ class Mesh:
             fixed: Nodes that never move, shape (node_count,); default none.
             spare: Share of spare rows.
         """
-        nodes, elements = len(raw.points), len(raw.tetrahedra)
+        nodes, items = len(raw.points), raw.tetrahedra
+        self.sheet_rows: SheetRows | None = None
+        if raw.sheet is not None:
+            self.sheet_rows, items = SheetRows.of(raw.sheet)
+        elements = len(items)
         node_capacity = int(nodes * (1 + spare)) + 1024
         element_capacity = int(elements * (1 + spare)) + 1024
-        self.name, self.source, self.sheet = raw.name, raw.source, raw.sheet
+        self.name, self.source = raw.name, raw.source
         self.region_names = dict(raw.region_names)
         self.version = 1
         self.node_rows, self.element_rows = nodes, elements
@@ -78,7 +84,9 @@ class Mesh:
         self.node_alive[:nodes] = True
         self.node_versions = np.ones(node_capacity, dtype=np.int64)
         self.tets = np.full((element_capacity, 4), NO_ROW, dtype=np.int32)
-        self.tets[:elements] = raw.tetrahedra
+        self.tets[:elements] = items
+        if self.sheet_rows is not None:
+            self.sheet_rows.grow(element_capacity)
         self.element_ids = np.arange(element_capacity, dtype=np.uint32)
         self.element_file_ids = np.full(element_capacity, -1, dtype=np.int64)
         self.element_file_ids[:elements] = (
@@ -100,6 +108,39 @@ class Mesh:
         none = np.empty((0, 4), dtype=np.int32)
         self.incident.rewire(none[:, 0], none, none)
         self.incident.of_all(none[:, 0])
+
+    @property
+    def sheet(self) -> Sheet | None:
+        """Triangles and springs as they are now, made when asked for; None: tetrahedra."""
+        if self.sheet_rows is None:
+            return None
+        rows = self.element_rows
+        return self.sheet_rows.sheet(self.version, self.tets[:rows], self.element_alive[:rows])
+
+    def place_items(
+        self,
+        items: NDArray[np.int32],
+        alive: NDArray[np.bool_],
+        kinds: NDArray[np.uint8],
+        tissue: NDArray[np.float64],
+    ) -> None:
+        """Put the elements of a sheet into given rows, as a keyframe has them.
+
+        Args:
+            items: Nodes of each row, -1 for none, shape (n, 4).
+            alive: Rows that exist.
+            kinds: As `SheetRows.kinds`.
+            tissue: As `SheetRows.tissue`.
+        """
+        if self.sheet_rows is None:
+            raise ValueError(f"{self.name} is made of tetrahedra and has no rows of a sheet")
+        rows = len(items)
+        self._reserve(np.empty(0, dtype=np.int32), np.arange(rows, dtype=np.int32))
+        self.element_rows = rows
+        self.tets[:rows], self.element_alive[:rows] = items, alive
+        self.sheet_rows = SheetRows(kinds, tissue, self.sheet_rows.stiffness)
+        self.sheet_rows.grow(self.element_capacity)
+        self.incident = Incidence.build(items, alive, self.node_capacity)
 
     @property
     def node_capacity(self) -> int:
@@ -153,31 +194,37 @@ class Mesh:
         if checked is None or checked.edit is not edit or checked.version != self.version:
             checked = self.check(edit)
         copies, parents, moved = checked.copied_nodes, checked.copy_parents, checked.moved_nodes
-        self._reserve(len(copies), len(checked.added))
-        old_moved_rest = self.rest[moved]
+        back, like = checked.returned_nodes, checked.returned_like
+        self._reserve(copies, checked.added)
+        old_moved_rest, offsets = self.rest[moved], self.rest[back] - self.rest[like]
         self.rest[moved] = edit.moved_rest
         self.rest[copies] = self.rest[parents]
         self.rest[moved] = edit.moved_rest  # copies too that do not stay with their parents
         self.version += 1
-        self._enter_nodes(copies, parents)
-        self._enter_elements(checked.added, checked.added_parents, checked.removed)
+        self._enter_nodes(copies, parents, back)
+        self._enter_elements(checked)
         elements, old, new = checked.elements, checked.old_elements, checked.new_elements
         self._rewire(elements, old, new)
+        if self.sheet_rows is not None:
+            added = checked.added
+            self.sheet_rows.enter(added, checked.added_parents, self.tets[added])
         self.node_versions[checked.nodes] = self.version
         self.element_versions[elements] = self.version
         self.element_versions[checked.neighbours] = self.version
-        self._bury_orphans(checked.nodes)
+        vanished = self._bury_orphans(checked.nodes)
         return EditChange(
             checked.applied, moved, checked.moved_anchors, edit.moved_weights, old_moved_rest,
-            copies, parents, elements, old, new, checked.neighbours, checked.nodes,
+            copies, parents, elements, old, new, checked.neighbours, checked.nodes, vanished,
+            checked.merged_nodes, checked.merged_into, back, like, offsets,
         )  # fmt: skip
 
-    def _reserve(self, nodes: int, elements: int) -> None:
+    def _reserve(self, copies: NDArray[np.int32], added: NDArray[np.int32]) -> None:
         def longer(array: NDArray[Any], rows: int, fill: float) -> NDArray[Any]:
             extra = np.full((rows - len(array), *array.shape[1:]), fill, dtype=array.dtype)
             return np.concatenate([array, extra])
 
-        if self.node_rows + nodes > self.node_capacity:
+        nodes, elements = len(copies), len(added)
+        if _end(copies, 0) > self.node_capacity:
             rows = self.node_capacity + max(nodes, self.node_capacity // 4)
             for name, fill in (
                 ("rest", 0), ("fixed", False), ("node_file_ids", -1), ("node_parents", 0),
@@ -186,7 +233,7 @@ class Mesh:
                 setattr(self, name, longer(getattr(self, name), rows, fill))
             self.node_ids = np.arange(rows, dtype=np.uint32)
             self.incident.grow(rows)
-        if self.element_rows + elements > self.element_capacity:
+        if _end(added, 0) > self.element_capacity:
             rows = self.element_capacity + max(elements, self.element_capacity // 4)
             for name, fill in (
                 ("tets", NO_ROW), ("element_file_ids", -1), ("element_alive", False),
@@ -194,23 +241,29 @@ class Mesh:
             ):  # fmt: skip
                 setattr(self, name, longer(getattr(self, name), rows, fill))
             self.element_ids = np.arange(rows, dtype=np.uint32)
+            if self.sheet_rows is not None:
+                self.sheet_rows.grow(rows)
 
-    def _enter_nodes(self, rows: NDArray[np.int32], parents: NDArray[np.int32]) -> None:
+    def _enter_nodes(
+        self, rows: NDArray[np.int32], parents: NDArray[np.int32], back: NDArray[np.int32]
+    ) -> None:
         self.node_alive[rows] = True
         self.node_parents[rows] = self.node_ids[parents]
         self.node_file_ids[rows] = -1
         self.fixed[rows] = self.fixed[parents]
-        self.node_rows += len(rows)
+        self.node_alive[back] = True
+        # What a redo makes again has its rows already.
+        self.node_rows = _end(rows, self.node_rows)
 
-    def _enter_elements(
-        self, rows: NDArray[np.int32], parents: NDArray[np.int32], removed: NDArray[np.int32]
-    ) -> None:
+    def _enter_elements(self, checked: CheckedEdit) -> None:
+        rows, parents = checked.added, checked.added_parents
         self.element_alive[rows] = True
         self.element_file_ids[rows] = -1
         self.regions[rows] = self.regions[parents]
         self.fibres[rows] = self.fibres[parents]
-        self.element_alive[removed] = False
-        self.element_rows += len(rows)
+        self.element_alive[checked.removed] = False
+        self.element_alive[checked.returned_elements] = True
+        self.element_rows = _end(rows, self.element_rows)
 
     def _rewire(
         self, elements: NDArray[np.int32], old: NDArray[np.int32], new: NDArray[np.int32]
@@ -219,5 +272,13 @@ class Mesh:
         kept = new[:, 0] != NO_ROW
         self.tets[elements[kept]] = new[kept]
 
-    def _bury_orphans(self, nodes: NDArray[np.int32]) -> None:
-        self.node_alive[nodes[self.incident.count[nodes] == 0]] = False
+    def _bury_orphans(self, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Rows of the nodes that are no more."""
+        gone = nodes[(self.incident.count[nodes] == 0) & self.node_alive[nodes]]
+        self.node_alive[gone] = False
+        return gone
+
+
+def _end(rows: NDArray[np.int32], least: int) -> int:
+    """One past the last of some rows, or `least` if that is more."""
+    return max(least, int(rows.max()) + 1) if len(rows) else least

@@ -50,6 +50,10 @@ class SheetStiffness:
         return self
 
 
+def _no_walls() -> NDArray[np.int32]:
+    return np.empty((0, 3), dtype=np.int32)
+
+
 @dataclass(frozen=True)
 class Sheet:
     """Triangles, and the springs besides those along their edges; all in node rows.
@@ -61,6 +65,8 @@ class Sheet:
         categories: Category of each of them, an index of `CATEGORIES`, uint8, shape (s,).
         volumes: Volume of tissue whose stiffness each of them has [m^3], shape (s,).
         stiffness: Factors of stiffness by category.
+        walls: Nodes of triangles that are shown between the two sides of a cut wall and carry
+            nothing, int32, shape (w, 3).
     """
 
     triangles: NDArray[np.int32]
@@ -69,6 +75,7 @@ class Sheet:
     categories: NDArray[np.uint8]
     volumes: NDArray[np.float64]
     stiffness: SheetStiffness = field(default_factory=SheetStiffness)
+    walls: NDArray[np.int32] = field(default_factory=_no_walls)
 
     def count(self, category: int) -> int:
         """Number of springs of a category other than `SURFACE`."""
@@ -94,7 +101,9 @@ def checked_sheet(sheet: Sheet, points: NDArray[np.float64]) -> Sheet:
         MeshError: It names nodes that are not there, a triangle has no area or thickness, or a
             spring no length.
     """
-    for rows, what in ((sheet.triangles, "triangle"), (sheet.springs, "spring")):
+    for rows, what in (
+        (sheet.triangles, "triangle"), (sheet.springs, "spring"), (sheet.walls, "wall"),
+    ):  # fmt: skip
         if len(rows) and (rows.min() < 0 or rows.max() >= len(points)):
             raise MeshError(f"a {what} names a node that is not there")
     if not len(sheet.triangles):

@@ -130,7 +130,7 @@ def surface_triangles(mesh: Mesh) -> NDArray[np.int32]:
     The triangles of a sheet, or the boundary of the tetrahedra.
     """
     if mesh.sheet is not None:
-        return mesh.sheet.triangles
+        return np.concatenate([mesh.sheet.triangles, mesh.sheet.walls])
     rows = mesh.element_rows
     return boundary_triangles(mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows)[0]
 

@@ -42,17 +42,20 @@ class Hinges(NamedTuple):
     """Torsion springs, as kernels read them.
 
     Attributes:
-        start: Where a node's list begins in `entry`, shape (node_capacity + 1,), uint32.
-        entry: 4 times the row of a torsion spring at the node, plus the node's place in `nodes`.
-        nodes: a, b, c and d of each, int32, shape (h, 4).
+        start: Where a node's list begins in `entry`, shape (node_capacity,), int64.
+        count: Length of each list, shape (node_capacity,), int32.
+        entry: Rows of the torsion springs at each node, int32.
+        nodes: a, b, c and d of each, int32, shape (h, 4); all 0 in a row without a spring, whose
+            stiffness is 0.
         stiffness: k [N m/rad], shape (h,).
         angle: t0 [rad], shape (h,).
         least: Least |n|^2 and |m|^2 that forces are computed with [m^4], shape (h, 2).
         threshold: Change of an angle that counts as none [rad].
     """
 
-    start: NDArray[np.uint32]
-    entry: NDArray[np.uint32]
+    start: NDArray[np.int64]
+    count: NDArray[np.int32]
+    entry: NDArray[np.int32]
     nodes: NDArray[np.int32]
     stiffness: NDArray[np.floating]
     angle: NDArray[np.floating]
@@ -127,8 +130,10 @@ def _turn(i, springs, hinges, u, tiny):  # type: ignore[no-untyped-def] # noqa: 
     """Force of the torsion springs on node i [N], and what they resist [N/m]."""
     rest = springs.rest
     F0 = F1 = F2 = K = tiny - tiny
-    for at in range(hinges.start[i], hinges.start[i + 1]):
-        row, place = hinges.entry[at] >> 2, hinges.entry[at] & 3
+    for at in range(hinges.start[i], hinges.start[i] + hinges.count[i]):
+        row, place = hinges.entry[at], 0
+        while hinges.nodes[row, place] != i:
+            place += 1
         angle, n, m, length, p, q = _fold(rest, u, hinges.nodes, row, tiny)
         change = _change(hinges, row, angle)
         c = -length / max(_dot(n, n), hinges.least[row, 0])
