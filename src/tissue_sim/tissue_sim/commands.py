@@ -1,4 +1,4 @@
-"""Commands: changes of tools, holds, model and pause between two frames."""
+"""Commands: changes of tools, holds, model and pause, undo and redo, between two frames."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from tissue_sim.elastic import registry
-from tissue_sim.frame import Answer, Command
+from tissue_sim.frame import Answer, AppliedEdit, Command
+from tissue_sim.geometry.edit import UNDO, EditError
+from tissue_sim.geometry.edit_history import NoEditError
 from tissue_sim.interaction.tools import LARGEST, SPHERE, ToolError, ToolSpec
 
 if TYPE_CHECKING:
@@ -128,6 +130,39 @@ def _pause(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Res
     return "paused" if simulation.paused else "running", {}
 
 
+def _undo(simulation: Simulation, arguments: Mapping[str, Any], request_id: str) -> _Result:
+    return _bring_back(simulation, simulation.undo, arguments, request_id)
+
+
+def _redo(simulation: Simulation, arguments: Mapping[str, Any], request_id: str) -> _Result:
+    return _bring_back(simulation, simulation.redo, arguments, request_id)
+
+
+def _bring_back(
+    simulation: Simulation,
+    bring_back: Callable[[str, str], AppliedEdit],
+    arguments: Mapping[str, Any],
+    request_id: str,
+) -> _Result:
+    try:
+        applied = bring_back(str(arguments.get("author", "")), request_id)
+    except NoEditError as error:
+        raise CommandError("NOTHING_THERE", str(error)) from None
+    except EditError as error:
+        raise CommandError("REFUSED", str(error)) from None
+    history, edit = simulation.history, applied.change.edit
+    step = (history.undone if edit.kind == UNDO else history.done)[-1].edit
+    by = f" by {step.author}" if step.author else ""
+    asked = f" ({step.request_id})" if step.request_id else ""
+    message = f"{edit.kind} of the {step.kind}{by}{asked}: version {edit.version}"
+    values = {
+        "version": edit.version, "reverted_kind": step.kind, "reverted_author": step.author,
+        "reverted_request_id": step.request_id, "can_undo": len(history.done),
+        "can_redo": len(history.undone), "apply_ms": 1e3 * applied.seconds,
+    }  # fmt: skip
+    return message, values
+
+
 _HANDLERS: dict[str, Callable[[Simulation, Mapping[str, Any], str], _Result]] = {
     "grab": _grab,
     "release": _release,
@@ -135,4 +170,6 @@ _HANDLERS: dict[str, Callable[[Simulation, Mapping[str, Any], str], _Result]] = 
     "set_tool": _set_tool,
     "remove_tool": _remove_tool,
     "pause": _pause,
+    "undo": _undo,
+    "redo": _redo,
 }

@@ -20,7 +20,7 @@ class Command:
     """A change that takes effect at the start of a frame.
 
     Attributes:
-        kind: grab, release, set_model, set_tool, remove_tool, pause or start.
+        kind: grab, release, set_model, set_tool, remove_tool, pause, undo, redo or start.
         arguments: What it needs; plain JSON values, so that the journal keeps it exactly.
         request_id: Id of the request it came from; empty: none.
     """
@@ -160,7 +160,7 @@ class Frame:
         wrenches: Force [N] and torque about the tip [N m] on each tool that holds tissue, shape
             (6,); neither bounded nor smoothed (see `interaction.reaction`).
         answers: What became of commands and edits, in order.
-        edits: Edits applied.
+        edits: Edits applied, those of undo and redo first. The journal has those as commands.
         cuts: Sweeps of cutting tools used in this frame.
         events: What happened besides, in words: holds released because their nodes vanished, ...
         step_seconds: Time of each step [s], shape (steps,).

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.model import merge_nodes
 from tissue_sim.geometry.edit import EditChange, EditError, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 
@@ -216,11 +217,15 @@ class Replica:
 def _carried(shape: Shape, change: EditChange) -> Shape:
     """The shape after an edit, as `State.follow` carries the simulation's."""
     old = shape.positions
-    new = np.empty((len(old) + len(change.copied_nodes), 3), dtype=old.dtype)
+    rows = max(len(old), int(change.copied_nodes.max(initial=-1)) + 1)
+    new = np.empty((rows, 3), dtype=old.dtype)
     new[: len(old)] = old
+    new[change.returned_nodes] = old[change.returned_like] + change.returned_offsets
+    if len(change.merged_nodes):
+        merge_nodes(change, new)
     if len(change.moved_nodes):
         new[change.moved_nodes] = np.einsum(
-            "ij,ijk->ik", change.moved_weights, old[change.moved_anchors].astype(np.float64)
+            "ij,ijk->ik", change.moved_weights, new[change.moved_anchors].astype(np.float64)
         )
     stays = change.stays
     new[change.copied_nodes[stays]] = new[change.copy_parents[stays]]

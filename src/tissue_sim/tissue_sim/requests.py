@@ -22,7 +22,8 @@ class Request:
     """Something asked of the simulation.
 
     Attributes:
-        kind: grab, release, set_tool, remove_tool, pause, set_model, save, load, reset or edit.
+        kind: grab, release, set_tool, remove_tool, pause, set_model, save, load, reset, undo, redo
+            or edit.
         arguments: What it needs.
         request_id: Set by the client.
         done: Called with the answer, in the loop thread or a worker thread.

@@ -30,6 +30,7 @@ from tissue_sim.frame import (
 )
 from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.edit_check import CheckedEdit
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.holds import Hold, Holds
@@ -64,6 +65,7 @@ class Simulation:
         tools: Tools by id.
         poses: Pose of every tool as used last, shape (7,) each.
         holds: What the tools hold.
+        history: The edits made, to undo and redo them.
         lost_states: Frames whose state was not finite or exploded, and was restored.
     """
 
@@ -116,6 +118,8 @@ class Simulation:
         self._owed = 0.0
         self._tools_changed = True
         self._events: list[str] = []
+        self.history = EditHistory()
+        self._brought_back: list[AppliedEdit] = []
 
     def _exchange_fibres(self) -> None:
         """The mesh's fibres into the scene, for the journal; or a journal's into the mesh."""
@@ -209,6 +213,29 @@ class Simulation:
         self.holds.forget_stiffness()
         self._report_unfelt(list(self.holds.by_id.values()))
 
+    def undo(self, author: str, request_id: str) -> AppliedEdit:
+        """Take back the newest edit, whoever made it.
+
+        Raises:
+            NoEditError: There is none.
+            EditError: It cannot be applied now; nothing was changed.
+        """
+        return self._bring_back(self.history.undo(self.mesh, author, request_id))
+
+    def redo(self, author: str, request_id: str) -> AppliedEdit:
+        """Make the edit again that was undone last.
+
+        Raises:
+            NoEditError: There is none.
+            EditError: It cannot be applied now; nothing was changed.
+        """
+        return self._bring_back(self.history.redo(self.mesh, author, request_id))
+
+    def _bring_back(self, edit: TopologyEdit) -> AppliedEdit:
+        applied = self._carry_out(edit)
+        self._brought_back.append(applied)
+        return applied
+
     def _report_unfelt(self, holds: list[Hold]) -> None:
         """Say which tools hold by force what has none."""
         if self.model.has_forces:
@@ -231,6 +258,7 @@ class Simulation:
         self.frame += 1
         self._events = list(self.model.events)
         self.model.events.clear()
+        self._brought_back = []
         answers = [execute(self, command) for command in inputs.commands]
         if self._unseeded and not self.paused:
             # Released while nothing might move.
@@ -267,7 +295,7 @@ class Simulation:
             journal=entry,
             wrenches={} if self.paused or lost else self._wrenches(),
             answers=tuple(answers),
-            edits=tuple(edits),
+            edits=(*self._brought_back, *edits),
             cuts=cuts,
             events=tuple(self._events),
             step_seconds=np.array(step_seconds),
@@ -282,22 +310,35 @@ class Simulation:
         return (Command("start", self.scene.as_arguments()), *commands)
 
     def _apply(self, plan: TopologyEdit) -> tuple[AppliedEdit | None, Answer]:
-        started = time.perf_counter()
-        checked = self._checked.pop(id(plan), None)
         try:
-            if checked is None or checked.version != self.mesh.version:
-                checked = self.mesh.check(plan)
-            if why := self.model.refusal(checked.nodes):
-                raise EditError(f"model {self.model.name} refuses this edit: {why}")
-            change = self.mesh.apply(plan, checked)
+            if plan.from_history:
+                raise EditError("nodes and elements are brought back by undo and redo only")
+            applied = self._carry_out(plan)
         except StaleEditError as error:
             return None, Answer(plan.request_id, False, str(error), "STALE")
         except EditError as error:
             return None, Answer(plan.request_id, False, str(error), "INVALID")
+        values: dict[str, Any] = {"applied": applied, "epoch": self.epoch}
+        return applied, Answer(plan.request_id, True, f"version {self.mesh.version}", values=values)
+
+    def _carry_out(self, plan: TopologyEdit) -> AppliedEdit:
+        """Apply an edit, and let all that depends on the mesh follow.
+
+        Raises:
+            EditError: It cannot be applied; nothing was changed.
+        """
+        started = time.perf_counter()
+        checked = self._checked.pop(id(plan), None)
+        if checked is None or checked.version != self.mesh.version:
+            checked = self.mesh.check(plan)
+        if why := self.model.refusal(checked.nodes):
+            raise EditError(f"model {self.model.name} refuses this edit: {why}")
+        change = self.mesh.apply(plan, checked)
+        self.history.record(change)
         self.state.follow(self.mesh, change)
-        moved = self._places(change.moved_nodes)
-        held = self.holds.count
-        emptied = self.holds.follow(self.mesh, change, moved, self.poses)
+        moved, merged = self._places(change.moved_nodes), self._places(change.merged_into)
+        held = self.holds.rows
+        emptied = self.holds.follow(self.mesh, change, moved, self.poses, merged)
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
@@ -306,14 +347,12 @@ class Simulation:
         self.holds.forget_stiffness()
         self._events += self.model.events
         self.model.events.clear()
-        if emptied or self.holds.count != held:
+        if emptied or not np.array_equal(self.holds.rows, held):
             self._holds_changed()
         self._events += [
             f"hold {h.id} of {h.tool} is released: its nodes vanished" for h in emptied
         ]
-        applied = AppliedEdit(change, plan, time.perf_counter() - started)
-        values: dict[str, Any] = {"applied": applied, "epoch": self.epoch}
-        return applied, Answer(plan.request_id, True, f"version {self.mesh.version}", values=values)
+        return AppliedEdit(change, plan, time.perf_counter() - started)
 
     def _remember(self) -> None:
         """Keep the state from before anything moves, to go back to if it is lost."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.geometry.incidence import among
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.positions import carry_moved
 
@@ -134,7 +135,9 @@ class State:
 
         A moved node, or a new one with a place of its own, goes to the weighted mean of its anchors
         as they were; any other copy starts where its parent is. Both go for the current and the
-        previous position, so that no force jumps and no velocity appears.
+        previous position, so that no force jumps and no velocity appears. Before that, nodes that
+        vanish into another leave it at the mean of its places and theirs, and a node that comes
+        back is displaced like another one near it.
         """
         capacity, old_capacity = mesh.node_capacity, len(self.displacement)
         if capacity > old_capacity:
@@ -142,6 +145,12 @@ class State:
             self.displacement = np.pad(self.displacement, more)
             self.previous = np.pad(self.previous, more)
             self.prescribed = np.pad(self.prescribed, more[0])
+        for array in (self.displacement, self.previous, self.prescribed):
+            array[change.returned_nodes] = array[change.returned_like]
+        if len(change.merged_nodes):
+            merge_nodes(change, self.displacement)
+            merge_nodes(change, self.previous)
+            self.prescribed[change.merged_into] |= self.prescribed[change.merged_nodes]
         if len(change.moved_nodes):
             self._move(mesh, change)
         stays = change.stays
@@ -159,6 +168,21 @@ class State:
                 change.moved_nodes, change.moved_anchors, change.moved_weights,
                 change.old_moved_rest, place_of, mesh.rest, array,
             )  # fmt: skip
+
+
+def merge_nodes(change: EditChange, values: NDArray[np.floating]) -> None:
+    """Give nodes that others vanish into the mean of their values; one that was not there has none.
+
+    Args:
+        change: What an edit touched.
+        values: Places or displacements by node row, shape (n, 3); modified in place.
+    """
+    into, group = np.unique(change.merged_into, return_inverse=True)
+    count = (~among(into, change.returned_nodes)).astype(np.float64)
+    total = values[into] * count[:, None]
+    np.add.at(total, group, values[change.merged_nodes].astype(np.float64))
+    np.add.at(count, group, 1.0)
+    values[into] = total / count[:, None]
 
 
 @runtime_checkable

@@ -84,7 +84,10 @@ class NodeOrdering:
         return int(self._level_start[min(level + 1, self.levels)])
 
     def follow(self, change: EditChange) -> None:
-        """Put the copies an edit made behind their parents: local but for one copy of the order."""
+        """Put the copies an edit made behind their parents and take out what vanished.
+
+        Local but for one copy of the order.
+        """
         capacity = self.springs.mesh.node_capacity
         extra = capacity - len(self.nodes)
         if extra > 0:
@@ -93,17 +96,51 @@ class NodeOrdering:
             self.level = np.concatenate([self.level, more])
             self._rank = np.concatenate([self._rank, more])
             self._level_start = np.concatenate([self._level_start, np.zeros_like(more)])
-        places = self.rank[change.copy_parents]
+        self._remove(change.vanished_nodes)
+        self._insert(change.copied_nodes, change.copy_parents)
+        if len(change.returned_nodes):
+            free = ~self.springs.mesh.fixed[change.returned_nodes]
+            self._take_back(change.returned_nodes[free], change.returned_like[free])
+
+    def _take_back(self, nodes: NDArray[np.int32], like: NDArray[np.int32]) -> None:
+        """Put nodes that are back behind others; at the end where those are not in the order."""
+        alone = nodes[self.rank[like] == UNREACHED]
+        self._insert(nodes, like)
+        self.nodes[self.used : self.used + len(alone)] = alone
+        self.used += len(alone)
+        self._ranked = False
+
+    def _remove(self, nodes: NDArray[np.int32]) -> None:
+        """Take nodes out of the order."""
+        gone = nodes[self.rank[nodes] != UNREACHED]
+        if not len(gone):
+            return
+        keep = np.ones(self.used, dtype=np.bool_)
+        keep[self.rank[gone]] = False
+        kept = self.nodes[: self.used][keep]
+        self.nodes[: len(kept)] = kept
+        self.used = len(kept)
+        self._count_levels(gone, -1)
+        self.level[gone] = UNREACHED
+        self._ranked = False
+
+    def _insert(self, news: NDArray[np.int32], behind: NDArray[np.int32]) -> None:
+        """Put nodes behind others, those that are in the order, at the same level."""
+        places = self.rank[behind]
         ordered = np.flatnonzero(places != UNREACHED)
         if not len(ordered):
             return
         ordered = ordered[np.argsort(places[ordered], kind="stable")]
-        copies, parents = change.copied_nodes[ordered], change.copy_parents[ordered]
-        self.level[copies] = self.level[parents]
-        orderings.insert_behind(copies, places[ordered], self.nodes, self.used)
-        self.used += len(copies)
+        news, behind = news[ordered], behind[ordered]
+        self.level[news] = self.level[behind]
+        orderings.insert_behind(news, places[ordered], self.nodes, self.used)
+        self.used += len(news)
+        self._count_levels(news, 1)
         self._ranked = False
-        reached = self.level[copies][self.level[copies] != UNREACHED]
+
+    def _count_levels(self, nodes: NDArray[np.int32], sign: int) -> None:
+        """Levels have so many nodes more, or fewer."""
+        reached = self.level[nodes][self.level[nodes] != UNREACHED]
         added = np.cumsum(np.bincount(reached, minlength=self.levels))
-        self._level_start[1 : self.levels + 1] += added.astype(np.int32)
-        self._reached += len(reached)
+        self._level_start[1 : self.levels + 1] += sign * added.astype(np.int32)
+        self._reached += sign * len(reached)

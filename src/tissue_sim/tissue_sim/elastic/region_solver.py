@@ -110,11 +110,16 @@ class RegionSolver:
         """Follow an edit that the stiffness has followed; why that is not possible, or nothing."""
         if self.refusal(change.nodes):
             return "a cut outside of the region of interest; conjugate gradients go on"
-        self._region = np.concatenate([self._region, change.copied_nodes.astype(np.int64)])
-        # A copy of a held node is held.
+        # Copies that a redo makes again are in the region already.
+        news = np.setdiff1d(change.copied_nodes.astype(np.int64), self._region)
+        self._region = np.concatenate([self._region, news])
+        # A copy of a held node is held, and what a held node vanishes into.
         copies = change.copied_nodes[np.isin(change.copy_parents, self._held)]
+        merged = change.merged_into[np.isin(change.merged_nodes, self._held)]
+        held = np.unique(np.concatenate([self._held, copies, merged]))
+        mesh = self._stiffness.springs.mesh
         self._fresh = False
-        self.hold(np.concatenate([self._held, copies]))
+        self.hold(held[mesh.node_alive[held] & ~mesh.fixed[held]])
         return ""
 
     def refusal(self, nodes: NDArray[np.int32]) -> str:

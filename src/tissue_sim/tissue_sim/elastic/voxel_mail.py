@@ -126,8 +126,10 @@ class VoxelMail(MeshModel):
         new = np.arange(renewal.used, self.lattice.rows, dtype=np.int32)
         self.displacement[new] = self.displacement[renewal.before]
         self._fit(state, new[renewal.before < 0])
-        held = state.prescribed[change.copied_nodes] & ~self.mesh.fixed[change.copied_nodes]
-        self._held = sorted_unique(np.concatenate([self._held, change.copied_nodes[held]]))
+        news = np.concatenate([change.copied_nodes, change.merged_into])
+        news = news[state.prescribed[news] & ~self.mesh.fixed[news]]
+        held = sorted_unique(np.concatenate([self._held, news]))
+        self._held = held[self.mesh.node_alive[held]]
         self._prescribe(state)
         self._chains.doubt(renewal.touched)
 

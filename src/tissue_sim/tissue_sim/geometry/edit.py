@@ -15,6 +15,9 @@ PROVISIONAL = 1 << 31
 """First provisional id."""
 
 
+UNDO, REDO = "undo", "redo"
+"""Kinds of edits that take an edit back, and make it again."""
+
 FARTHEST_ANCHOR = 100.0
 """Largest barycentric weight of a moved node that is believed."""
 
@@ -60,6 +63,14 @@ class TopologyEdit:
         added_elements: Ids of new elements, shape (a,).
         added_nodes: Their node ids, shape (a, 4).
         added_parents: Ids of the elements they descend from, shape (a,).
+        merged_nodes: Ids of nodes that vanish into others, shape (v,). Only an undo has some.
+        merged_into: Ids of the nodes they vanish into, shape (v,): each of these takes the mean of
+            its own place and those of the nodes that vanish into it.
+        returned_nodes: Ids of vanished nodes that come back, shape (b,). Only an undo has some.
+        returned_like: Ids of the nodes they are displaced like, shape (b,); its own id: as it was.
+        returned_elements: Ids of removed elements that come back as they were, shape (e,). Only an
+            undo has some.
+        reverts: Version of the edit that an undo takes back, or of the undo that a redo takes back.
         version: Version the edit made; 0 while it is only a plan.
         author: Client id of the request.
         request_id: Id of the request.
@@ -82,9 +93,21 @@ class TopologyEdit:
     added_elements: NDArray[np.uint32] = field(default_factory=_ids)
     added_nodes: NDArray[np.uint32] = field(default_factory=lambda: _ids(4))
     added_parents: NDArray[np.uint32] = field(default_factory=_ids)
+    merged_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    merged_into: NDArray[np.uint32] = field(default_factory=_ids)
+    returned_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    returned_like: NDArray[np.uint32] = field(default_factory=_ids)
+    returned_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    reverts: int = 0
     version: int = 0
     author: str = ""
     request_id: str = ""
+
+    @property
+    def from_history(self) -> bool:
+        """Whether it brings things back, which only the history of a mesh can plan."""
+        back = len(self.merged_nodes) + len(self.returned_nodes) + len(self.returned_elements)
+        return self.kind in (UNDO, REDO) or back > 0
 
 
 _SHAPES = (
@@ -95,6 +118,8 @@ _SHAPES = (
     ("rewritten_elements", "rewritten_nodes", 4),
     ("added_elements", "added_nodes", 4),
     ("added_elements", "added_parents", 0),
+    ("merged_nodes", "merged_into", 0),
+    ("returned_nodes", "returned_like", 0),
 )
 
 
@@ -132,15 +157,22 @@ class EditChange:
         moved_weights: Barycentric weights, shape (m, 4).
         old_moved_rest: Rest positions before the edit [m], those of the parents for new nodes,
             shape (m, 3).
-        copied_nodes: Rows of the new nodes, shape (c,).
+        copied_nodes: Rows of the new nodes, and of those that a redo makes again, shape (c,).
         copy_parents: Rows of their parents, shape (c,).
-        elements: Rows of elements rewritten, removed or added, shape (e,).
+        elements: Rows of elements rewritten, removed, added or brought back, shape (e,).
         old_elements: Node rows of those elements before, shape (e, 4); -1 where the element is new.
         new_elements: Node rows after, shape (e, 4); -1 where it was removed.
-        neighbours: Sorted rows of the elements that met a moved node, those rewritten or removed
-            included, shape (n,).
+        neighbours: Sorted rows of the elements that met a moved node or one that others vanish
+            into, those rewritten or removed included, shape (n,).
         nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes
-            of all elements incident to a moved node included, shape (k,).
+            of all `neighbours` included, shape (k,).
+        vanished_nodes: Sorted rows of the nodes that are no more, shape (v,).
+        merged_nodes: Rows of those that vanished into others, shape (m,).
+        merged_into: Rows of the nodes they vanished into, shape (m,).
+        returned_nodes: Rows of nodes that are back, but for copies, shape (b,).
+        returned_like: Rows of the nodes they are displaced like, shape (b,).
+        returned_offsets: Their rest positions minus those of the nodes they are displaced like,
+            both before the edit [m], shape (b, 3).
     """
 
     edit: TopologyEdit
@@ -155,6 +187,12 @@ class EditChange:
     new_elements: NDArray[np.int32]
     neighbours: NDArray[np.int32]
     nodes: NDArray[np.int32]
+    vanished_nodes: NDArray[np.int32]
+    merged_nodes: NDArray[np.int32]
+    merged_into: NDArray[np.int32]
+    returned_nodes: NDArray[np.int32]
+    returned_like: NDArray[np.int32]
+    returned_offsets: NDArray[np.float64]
 
     @property
     def stays(self) -> NDArray[np.bool_]:

@@ -176,25 +176,32 @@ class Holds:
         change: EditChange,
         moved_positions: NDArray[np.float64],
         poses: dict[str, NDArray[np.float64]],
+        merged_positions: NDArray[np.float64] | None = None,
     ) -> list[Hold]:
         """Carry the holds over an edit. Modifies them in place.
 
         A copy joins the hold of the node it was copied from, at the same place in the tool's axes:
         both lips of a cut made between the jaws are still between them, and nothing jumps. A new
         node with a place of its own is held there if all it lies between are held. A held
-        node that snapping moved is held where it is now. Nodes that vanished leave their holds.
+        node that snapping moved is held where it is now. Nodes that vanished leave their holds; a
+        node they vanished into is held where it is now, by the hold it had or else by that of the
+        first of them that was held.
 
         Args:
             mesh: The mesh, after the edit.
             change: What the edit touched.
             moved_positions: Current positions of `change.moved_nodes` after it [m], shape (m, 3).
             poses: Poses of all tools.
+            merged_positions: Current positions of `change.merged_into` after it [m], shape (k, 3);
+                needed if there are some.
 
         Returns:
             Holds that had nodes and have none left; they are released.
         """
         if len(self.owner) < mesh.node_capacity:
             self.owner = np.pad(self.owner, (0, mesh.node_capacity - len(self.owner)))
+        if merged_positions is not None and len(change.merged_into):
+            self._follow_merged(mesh, change, merged_positions, poses)
         emptied = []
         for hold in list(self.by_id.values()):
             self._follow_moved(hold, change, moved_positions, hold.pose(poses))
@@ -238,6 +245,31 @@ class Holds:
         hold.local = np.concatenate([hold.local, rigid.to_local(pose, positions[mine])])
         hold.rows = np.concatenate([hold.rows, rows])
         self.owner[rows] = hold.id
+
+    def _follow_merged(
+        self,
+        mesh: Mesh,
+        change: EditChange,
+        positions: NDArray[np.float64],
+        poses: dict[str, NDArray[np.float64]],
+    ) -> None:
+        merged, into = change.merged_nodes, change.merged_into
+        for hold in self.by_id.values():
+            pose = hold.pose(poses)
+            mine = (self.owner[merged] == hold.id) & (self.owner[into] == NOBODY)
+            rows, first = np.unique(into[mine & ~mesh.fixed[into]], return_index=True)
+            if len(rows):
+                places = positions[mine & ~mesh.fixed[into]][first]
+                self._give(hold, rows, rigid.to_local(pose, places))
+            order = np.argsort(hold.rows)
+            place = _places_in(hold.rows[order], into)
+            held = place >= 0
+            if held.any():
+                hold.local[order[place[held]]] = rigid.to_local(pose, positions[held])
+        for hold in self.by_id.values():
+            waits = into[among(merged, hold.waiting) & (self.owner[into] != NOBODY)]
+            waits = waits[self.owner[waits] != hold.id]
+            hold.waiting = np.union1d(hold.waiting, waits) if len(waits) else hold.waiting
 
     def _follow_copies(self, hold: Hold, change: EditChange) -> None:
         if not len(change.copied_nodes):

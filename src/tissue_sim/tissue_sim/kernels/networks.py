@@ -133,7 +133,15 @@ def fill_lists(springs: Springs, rows: int, lists: Lists) -> None:
 
 @njit(cache=True, nogil=True)
 def _enter(lists, node, other, spring, springs):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    place = lists.start[node] + lists.degree[node]
+    begin = np.int64(lists.start[node])
+    place = begin + np.int64(lists.degree[node])
+    # Ascending by row, so that a spring that comes back is where it was.
+    while place > begin and lists.spring[place - 1] > spring:
+        lists.neighbour[place] = lists.neighbour[place - 1]
+        lists.spring[place] = lists.spring[place - 1]
+        lists.stiffness[place] = lists.stiffness[place - 1]
+        lists.length[place] = lists.length[place - 1]
+        place -= 1
     lists.neighbour[place] = other
     lists.spring[place] = spring
     lists.stiffness[place] = springs.stiffness[spring]
@@ -178,6 +186,25 @@ def _make_room(lists, node, used):  # type: ignore[no-untyped-def] # noqa: ANN00
 
 
 @njit(cache=True, nogil=True)
+def _row_of(buried, springs, a, b):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Row of the buried spring between two nodes; -1: there is none."""
+    low, high = 0, len(buried)
+    while low < high:
+        middle = (low + high) // 2
+        row = buried[middle]
+        first, second = springs.ends[row, 0], springs.ends[row, 1]
+        if first < a or (first == a and second < b):
+            low = middle + 1
+        else:
+            high = middle
+    if low < len(buried):
+        row = buried[low]
+        if springs.ends[row, 0] == a and springs.ends[row, 1] == b and not springs.alive[row]:
+            return np.int64(row)
+    return np.int64(-1)
+
+
+@njit(cache=True, nogil=True)
 def repair(
     nodes: NDArray[np.int32],
     begin: int,
@@ -189,6 +216,7 @@ def repair(
     kernel_rest: NDArray[np.floating],
     modulus: float,
     scratch: Scratch,
+    buried: NDArray[np.int32],
     kind: NDArray[np.int8],
     touched: NDArray[np.int32],
     count: int,
@@ -208,6 +236,7 @@ def repair(
         kernel_rest: Rest positions in the kernel's precision, shape (node_capacity, 3).
         modulus: Young's modulus [Pa].
         scratch: `among` marks the nodes; `sums` is zero, and zero again afterwards.
+        buried: Rows that springs made take over if they had the same ends, ascending by ends.
         kind: What happened to each spring touched: 1 changed, 2 made, 3 removed; written.
         touched: Its row; written.
         count: Springs touched so far.
@@ -268,18 +297,21 @@ def repair(
                 if b <= a or sums[b] == 0.0:
                     continue
                 volume, sums[b] = sums[b], 0.0
-                springs.ends[rows, 0], springs.ends[rows, 1] = a, b
-                springs.alive[rows] = True
+                spring = _row_of(buried, springs, a, b)
+                if spring < 0:
+                    spring = np.int64(rows)
+                    rows += 1
+                springs.ends[spring, 0], springs.ends[spring, 1] = a, b
+                springs.alive[spring] = True
                 length = _distance(kernel_rest, a, b)
-                springs.length[rows] = length
-                springs.stiffness[rows] = modulus * volume / (length * length)
+                springs.length[spring] = length
+                springs.stiffness[spring] = modulus * volume / (length * length)
                 used = _make_room(lists, a, used)
-                _enter(lists, a, b, rows, springs)
+                _enter(lists, a, b, spring, springs)
                 used = _make_room(lists, b, used)
-                _enter(lists, b, a, rows, springs)
-                kind[count], touched[count] = 2, rows
+                _enter(lists, b, a, spring, springs)
+                kind[count], touched[count] = 2, spring
                 count += 1
-                rows += 1
     return len(nodes), rows, used, count
 
 

@@ -1,0 +1,183 @@
+"""Undo and redo restore a mesh bit for bit, to any depth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cut_service.errors import CutError
+from cut_service.planner import plan
+from cut_service.sweep import Sweep
+from support.elastic_scenes import MATERIAL, block_mesh
+from support.valid_mesh import check_valid
+from tissue_sim.elastic.model import State
+from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.elastic.stiffness import Stiffness
+from tissue_sim.geometry.edit import REDO, UNDO, EditError, TopologyEdit
+from tissue_sim.geometry.edit_history import EditHistory, NoEditError
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.shapes import sphere_shell, wall
+
+
+class Picture(NamedTuple):
+    """All of a mesh that an undo has to bring back."""
+
+    rest: NDArray[np.float64]
+    nodes: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
+    tets: NDArray[np.int32]
+    elements: NDArray[np.bool_]
+    incident: tuple[NDArray[np.int32], ...]
+
+
+def picture(mesh: Mesh) -> Picture:
+    nodes, elements = mesh.node_rows, mesh.element_rows
+    return Picture(
+        mesh.rest[:nodes].copy(), mesh.node_alive[:nodes].copy(), mesh.fixed[:nodes].copy(),
+        mesh.tets[:elements].copy(), mesh.element_alive[:elements].copy(),
+        tuple(mesh.incident.of(node).copy() for node in range(nodes)),
+    )  # fmt: skip
+
+
+def check_same(mesh: Mesh, before: Picture) -> None:
+    """The mesh is as it was; rows that it did not have are not alive."""
+    now, nodes, elements = picture(mesh), len(before.nodes), len(before.elements)
+    np.testing.assert_array_equal(now.nodes[:nodes], before.nodes)
+    assert not now.nodes[nodes:].any()
+    np.testing.assert_array_equal(now.elements[:elements], before.elements)
+    assert not now.elements[elements:].any()
+    np.testing.assert_array_equal(now.rest[:nodes][before.nodes], before.rest[before.nodes])
+    np.testing.assert_array_equal(now.fixed[:nodes], before.fixed)
+    alive = before.elements
+    np.testing.assert_array_equal(now.tets[:elements][alive], before.tets[alive])
+    for node in np.flatnonzero(before.nodes):
+        np.testing.assert_array_equal(now.incident[node], before.incident[node])
+    assert all(len(lists) == 0 for lists in now.incident[nodes:])
+
+
+ORGANS = {"wall": wall, "sphere shell": sphere_shell}
+
+
+def organ(name: str) -> Mesh:
+    if name == "block":
+        return block_mesh(7)
+    raw = ORGANS[name]()
+    fixed = np.zeros(len(raw.points), dtype=np.bool_)
+    fixed[raw.node_sets.get("fixed", [])] = True
+    return Mesh(raw, fixed)
+
+
+def square(centre: NDArray[np.float64], normal: NDArray[np.float64], size: float) -> Sweep:
+    first = np.cross(normal, [0.3, 0.5, 0.8])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    vertices = np.array([centre + size * (i * first + j * second) for i, j in corners])
+    return Sweep(vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32))
+
+
+def random_cut(mesh: Mesh, positions: NDArray[np.float64], seed: int) -> TopologyEdit | None:
+    random = np.random.default_rng(seed)
+    places = positions[mesh.node_alive[: mesh.node_rows]]
+    centre = places[random.integers(len(places))]
+    normal = random.normal(size=3)
+    size = np.ptp(places, axis=0).max() * random.uniform(0.1, 0.5)
+    try:
+        return plan(mesh, positions, square(centre, normal / np.linalg.norm(normal), size)).edit
+    except CutError:
+        return None
+
+
+def random_removal(mesh: Mesh, seed: int) -> TopologyEdit:
+    """Remove all elements at a node and some others, so that nodes vanish too."""
+    random = np.random.default_rng(seed)
+    node = random.choice(np.flatnonzero(mesh.node_alive[: mesh.node_rows]))
+    gone = mesh.incident.of(int(node))
+    living = np.flatnonzero(mesh.element_alive[: mesh.element_rows])
+    gone = np.union1d(gone, random.choice(living, 3))
+    return TopologyEdit(mesh.version, kind="remove", removed_elements=gone.astype(np.uint32))
+
+
+CUT, REMOVE, BACK, AGAIN = "cut", "remove", "undo", "redo"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.sampled_from(["wall", "sphere shell", "block"]),
+    st.lists(
+        st.tuples(
+            st.sampled_from([CUT, CUT, CUT, REMOVE, BACK, BACK, BACK, AGAIN]),
+            st.integers(0, 10**6),
+        ),
+        min_size=3,
+        max_size=14,
+    ),
+)
+def test_undo_and_redo_to_any_depth_are_exact(name: str, deeds: list[tuple[str, int]]) -> None:
+    mesh, history = organ(name), EditHistory()
+    state = State(mesh)
+    random = np.random.default_rng(1)
+    state.displacement[: mesh.node_rows] = random.normal(0, 1e-5, (mesh.node_rows, 3))
+    springs = SpringNetwork(mesh, MATERIAL)
+    pictures, place = [picture(mesh)], 0
+    # Removing elements can leave nodes that hinge two parts: nothing a cut may do.
+    only_cuts = True
+
+    def apply(edit: TopologyEdit) -> None:
+        change = mesh.apply(edit)
+        history.record(change)
+        state.follow(mesh, change)
+        springs.follow(change)
+
+    for deed, seed in [*deeds, *[(BACK, 0)] * len(deeds)]:
+        if deed == BACK and place:
+            apply(history.undo(mesh))
+            place -= 1
+        elif deed == AGAIN and place + 1 < len(pictures):
+            apply(history.redo(mesh))
+            place += 1
+        elif deed in (CUT, REMOVE):
+            positions = state.positions(mesh).astype(np.float64)
+            edit = random_cut(mesh, positions, seed) if deed == CUT else random_removal(mesh, seed)
+            if edit is None:
+                continue
+            only_cuts &= deed == CUT
+            apply(edit)
+            place += 1
+            del pictures[place:]
+            pictures.append(picture(mesh))
+        check_same(mesh, pictures[place])
+        assert np.isfinite(state.displacement).all()
+        if only_cuts:
+            check_valid(mesh)
+        assert (len(history.done), len(history.undone)) == (place, len(pictures) - 1 - place)
+    assert place == 0
+    with pytest.raises(NoEditError, match="no edit to undo"):
+        history.undo(mesh)
+    # Springs have the rows, and the order at each node, of a mesh that was never cut.
+    fresh = SpringNetwork(organ(name), MATERIAL)
+    rows = fresh.rows
+    np.testing.assert_array_equal(springs.springs.alive[:rows], True)
+    assert not springs.springs.alive[rows : springs.rows].any()
+    for field in ("ends", "stiffness", "length"):
+        now, then = getattr(springs.springs, field), getattr(fresh.springs, field)
+        np.testing.assert_array_equal(now[:rows], then[:rows])
+    for node in range(len(pictures[0].nodes)):
+        for field in ("neighbour", "spring", "stiffness", "length"):
+            np.testing.assert_array_equal(
+                part_of(springs, field, node), part_of(fresh, field, node)
+            )
+    np.testing.assert_array_equal(
+        springs.masses[: len(pictures[0].nodes)], fresh.masses[: len(pictures[0].nodes)]
+    )
+
+
+def part_of(springs: SpringNetwork, field: str, node: int) -> NDArray:
+    lists = springs._lists
+    begin = int(lists.start[node])
+    return getattr(lists, field)[begin : begin + int(lists.degree[node])]
