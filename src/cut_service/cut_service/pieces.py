@@ -10,7 +10,7 @@ from cut_service.neighbours import NOBODY, Links, across, corner_facing, has_nod
 
 
 @njit(cache=True, nogil=True)
-def _piece(
+def piece_of(
     links: Links, cut: NDArray[np.uint8], seed: int, limit: int, found: NDArray[np.int32]
 ) -> int:
     """Collect the elements joined to `seed` through uncut faces, at most limit + 1 of them.
@@ -170,7 +170,7 @@ def glue_crumbs(
                     continue
                 if side == 1:
                     element = across(links, element, faces[k, 1])
-                number = _piece(links, cut, element, limit, piece)
+                number = piece_of(links, cut, element, limit, piece)
                 if number <= limit:
                     glued += _glue(links, positions, cut, piece[:number], found)
     return glued

@@ -115,7 +115,7 @@ def select(
         positions: Node positions [m], shape (node_rows, 3).
         sweep: What the cut follows.
     """
-    crossed, masks = _crossed(links, alive, positions, sweep)
+    crossed, masks = crossed_elements(links, alive, positions, sweep)
     cut = np.zeros(len(links.tets), dtype=np.uint8)
     faces = np.empty((len(crossed), 2), dtype=np.int32)
     if len(crossed):
@@ -126,9 +126,13 @@ def select(
     return Selection(crossed, faces, cut)
 
 
-def _crossed(
+def crossed_elements(
     links: Links, alive: NDArray[np.bool_], positions: NDArray[np.float64], sweep: Sweep
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Rows of the elements with an edge that the sweep crosses, and those edges.
+
+    Edges are bits in the order of `EDGES`. Arguments as for `select`.
+    """
     lower, upper = sweep.box
     rows = np.empty(len(links.tets), dtype=np.int32)
     rows = rows[: elements_in_box(positions, links.tets, alive, lower, upper, rows)]

@@ -48,7 +48,7 @@ def elements_in_box(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="never")
-def _above(p: Reals, a: Reals, b: Reals, c: Reals) -> bool:
+def above_plane(p: Reals, a: Reals, b: Reals, c: Reals) -> bool:
     """Whether a point lies on the positive side of a triangle's plane.
 
     A point in the plane counts as above.
@@ -77,7 +77,7 @@ def _turns_left(p: Reals, q: Reals, a: Reals, b: Reals, forward: bool) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _line_inside(p: Reals, q: Reals, vertices: Reals, triangle: Rows) -> bool:
+def line_inside(p: Reals, q: Reals, vertices: Reals, triangle: Rows) -> bool:
     first = False
     for side in range(3):
         i, j = triangle[side], triangle[(side + 1) % 3]
@@ -135,7 +135,7 @@ def crossed_edges(
             )  # fmt: skip
             number = 0
             for corner in range(4):
-                above[corner] = _above(positions[nodes[corner]], a, b, c)
+                above[corner] = above_plane(positions[nodes[corner]], a, b, c)
                 number += above[corner]
             if number == 0 or number == 4:
                 continue
@@ -144,7 +144,7 @@ def crossed_edges(
                 if above[i] == above[j] or mask & (1 << edge):
                     continue
                 p, q = min(nodes[i], nodes[j]), max(nodes[i], nodes[j])
-                if _line_inside(positions[p], positions[q], vertices, triangles[t]):
+                if line_inside(positions[p], positions[q], vertices, triangles[t]):
                     mask |= 1 << edge
         masks[k] = mask
 

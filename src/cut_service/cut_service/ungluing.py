@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -162,6 +162,25 @@ def unglue(
     """
     corners = LOCAL_FACES[faces[:, 1]]
     nodes = np.unique(np.take_along_axis(links.tets[faces[:, 0]], corners, axis=1))
+    whole = unglue_at(links, cut, nodes, first_copy)
+    place = np.full(len(links.tets), NOBODY, dtype=np.int32)
+    place[whole.elements] = np.arange(len(whole.elements))
+    opened = np.zeros(len(faces), dtype=np.bool_)
+    _open_faces(links, faces, place, whole.nodes, opened)
+    return replace(whole, opened=faces[opened])
+
+
+def unglue_at(
+    links: Links, cut: NDArray[np.uint8], nodes: NDArray[np.int32], first_copy: int
+) -> Ungluing:
+    """Copy some nodes: as `unglue` does those of a cut surface, but for saying what opens.
+
+    Args:
+        links: The mesh.
+        cut: Faces in the cut surface, bits by corner, shape (element_rows,).
+        nodes: Rows of the nodes, ascending, shape (n,).
+        first_copy: Number that stands for the first copy.
+    """
     room = int(links.length[nodes].sum())
     parents = np.empty(room, dtype=np.int32)
     changes = np.empty((room, 3), dtype=np.int32)
@@ -170,8 +189,6 @@ def unglue(
     elements, position = np.unique(changes[:, 0], return_inverse=True)
     rewritten = links.tets[elements].copy()
     rewritten[position.ravel(), changes[:, 1]] = changes[:, 2]
-    place = np.full(len(links.tets), NOBODY, dtype=np.int32)
-    place[elements] = np.arange(len(elements))
-    opened = np.zeros(len(faces), dtype=np.bool_)
-    _open_faces(links, faces, place, rewritten, opened)
-    return Ungluing(parents[:copies].copy(), elements, rewritten, first_copy, faces[opened])
+    return Ungluing(
+        parents[:copies].copy(), elements, rewritten, first_copy, np.empty((0, 2), dtype=np.int32)
+    )

@@ -1,0 +1,121 @@
+"""Cutting by taking out the elements that the sweep crosses.
+
+What is left is as good as it was, but the cut is jagged and as wide as an element, and its volume
+is lost. Parts of a few elements that would come loose go too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from cut_service.errors import CutCode, CutError
+from cut_service.neighbours import NOBODY, Links, across
+from cut_service.pieces import piece_of
+from cut_service.quality import total_volume
+from cut_service.rebuilding import NewNodes, Rebuilt, components_after, edit_to
+from cut_service.selection import crossed_elements
+from cut_service.ungluing import unglue_at
+from cut_service.work import Plan, Report, Work, distance_of, face_nodes, missed
+
+
+@njit(cache=True, nogil=True)
+def _small_pieces(
+    links: Links,
+    seeds: NDArray[np.int32],
+    limit: int,
+    alive: NDArray[np.bool_],
+    out: NDArray[np.int32],
+) -> int:
+    """Take pieces of at most `limit` elements out of `alive`, into `out`; their number."""
+    nothing = np.zeros(links.tets.shape[0], dtype=np.uint8)
+    found = np.empty(limit + 1, dtype=np.int32)
+    number = 0
+    for seed in seeds:
+        if not alive[seed]:
+            continue
+        size = piece_of(links, nothing, seed, limit, found)
+        if size <= limit:
+            for k in range(size):
+                alive[found[k]] = False
+                out[number] = found[k]
+                number += 1
+    return number
+
+
+@njit(cache=True, nogil=True)
+def _bare(
+    links: Links,
+    removed: NDArray[np.int32],
+    alive: NDArray[np.bool_],
+    faces: NDArray[np.int32],
+) -> int:
+    """Faces of removed elements to those that stay; their number."""
+    number = 0
+    for row in removed:
+        for corner in range(4):
+            other = across(links, row, corner)
+            if other != NOBODY and alive[other]:
+                faces[number, 0], faces[number, 1] = row, corner
+                number += 1
+    return number
+
+
+def remove(work: Work) -> Plan:
+    """Plan to remove the elements that the sweep crosses.
+
+    Raises:
+        CutError: The sweep crosses nothing, or everything.
+    """
+    crossed, _ = crossed_elements(work.links, work.alive, work.positions, work.sweep)
+    if not len(crossed):
+        raise missed()
+    removed = _with_crumbs(work, crossed)
+    rebuilt = _without(work, removed)
+    if not rebuilt.alive.any():
+        raise CutError(
+            CutCode.REFUSED,
+            f"the sweep crosses all {len(removed)} elements; removing them would leave no tissue",
+        )
+    nodes = np.unique(work.links.tets[removed])
+    none = np.zeros(len(rebuilt.links.tets), dtype=np.uint8)
+    ungluing = unglue_at(rebuilt.links, none, nodes, work.mesh.node_rows)
+    read = work.mesh.incident.of_all(nodes)
+    edit = edit_to(work, rebuilt, ungluing, "remove", nodes, read)
+    faces = np.empty((4 * len(removed), 2), dtype=np.int32)
+    faces = faces[: _bare(work.links, removed, rebuilt.alive, faces)]
+    corners = work.positions[face_nodes(work.links, faces)]
+    distance = distance_of(corners, work.sweep)
+    lost = np.zeros(len(work.alive), dtype=np.bool_)
+    lost[removed] = True
+    report = Report(
+        faces_split=len(faces),
+        nodes_added=len(edit.copied_nodes),
+        nodes_moved=0,
+        components=components_after(rebuilt, ungluing),
+        distance_before=distance,
+        distance_after=distance,
+        volume_change=-total_volume(work.rest, work.links.tets, lost),
+        crumbs_glued=0,
+        method="remove",
+        elements_removed=len(removed),
+    )
+    return Plan(edit, report, corners)
+
+
+def _without(work: Work, removed: NDArray[np.int32]) -> Rebuilt:
+    none = np.empty((0, 4), dtype=np.int32)
+    return Rebuilt.of(work, removed, none, none[:, 0], NewNodes.none())
+
+
+def _with_crumbs(work: Work, crossed: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The elements to remove, and the small pieces that would come loose without them."""
+    limit = work.settings.smallest_piece - 1
+    if limit < 1:
+        return crossed
+    rest = _without(work, crossed)
+    around = work.mesh.incident.of_all(np.unique(work.links.tets[crossed]))
+    out = np.empty(len(around) * limit, dtype=np.int32)
+    number = _small_pieces(rest.links, around, limit, rest.alive, out)
+    return np.union1d(crossed, out[:number]).astype(np.int32)

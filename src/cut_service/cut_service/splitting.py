@@ -1,0 +1,107 @@
+"""Cutting along faces of the mesh: no element is removed or added, nodes are copied and snapped."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cut_service.pieces import glue_crumbs
+from cut_service.quality import total_volume
+from cut_service.selection import Selection, select
+from cut_service.snapping import Snapping, snap
+from cut_service.ungluing import Ungluing, unglue
+from cut_service.work import Plan, Report, Work, distance_of, face_nodes, missed, too_shallow
+from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
+
+
+def split(work: Work) -> Plan:
+    """Plan to split the mesh along the faces near the sweep.
+
+    Raises:
+        CutError: The sweep splits nothing.
+    """
+    selection = select(work.links, work.alive, work.positions, work.sweep)
+    if not len(selection.crossed):
+        raise missed()
+    selection, glued = _without_crumbs(work, selection)
+    ungluing = unglue(work.links, selection.cut, selection.faces, work.mesh.node_rows)
+    if not len(ungluing.opened):
+        raise too_shallow(len(selection.crossed))
+    snapping, volume_change = _snapped(work, ungluing)
+    edit = _edit(work, selection, ungluing, snapping)
+    nodes = face_nodes(work.links, ungluing.opened)
+    moved = work.positions.copy()
+    moved[snapping.nodes] = np.einsum(
+        "ij,ijk->ik", snapping.weights, work.positions[snapping.anchors]
+    )
+    report = Report(
+        faces_split=len(ungluing.opened),
+        nodes_added=len(ungluing.parents),
+        nodes_moved=len(snapping.nodes),
+        components=_components_after(work, ungluing),
+        distance_before=distance_of(work.positions[nodes], work.sweep),
+        distance_after=distance_of(moved[nodes], work.sweep),
+        volume_change=volume_change,
+        crumbs_glued=glued,
+    )
+    return Plan(edit, report, moved[nodes])
+
+
+def _without_crumbs(work: Work, selection: Selection) -> tuple[Selection, int]:
+    limit = work.settings.smallest_piece - 1
+    faces, cut = selection.faces, selection.cut
+    glued = glue_crumbs(work.links, work.positions, faces, limit, cut) if limit > 0 else 0
+    kept = (cut[faces[:, 0]] >> faces[:, 1]) & 1 > 0
+    return Selection(selection.crossed, faces[kept], cut), int(glued)
+
+
+def _snapped(work: Work, ungluing: Ungluing) -> tuple[Snapping, float]:
+    nodes = np.unique(face_nodes(work.links, ungluing.opened))
+    nodes = nodes[~work.still[nodes]] if work.settings.snap else nodes[:0]
+    volume = total_volume(work.rest, work.links.tets, work.alive)
+    return snap(
+        work.links, work.rest, work.positions, nodes, work.sweep, work.settings.quality_floor,
+        float(np.cos(work.settings.crease_angle)), work.settings.volume_budget * volume,
+    )  # fmt: skip
+
+
+def _edit(
+    work: Work, selection: Selection, ungluing: Ungluing, snapping: Snapping
+) -> TopologyEdit:
+    mesh, ids = work.mesh, work.mesh.node_ids
+    copies = np.arange(len(ungluing.parents), dtype=np.uint32)
+    is_copy = ungluing.nodes >= ungluing.first_copy
+    rewritten = np.where(
+        is_copy,
+        (ungluing.nodes - ungluing.first_copy).astype(np.int64) + PROVISIONAL,
+        ids[np.where(is_copy, 0, ungluing.nodes)],
+    )
+    read_nodes = np.unique(face_nodes(work.links, selection.faces))
+    return TopologyEdit(
+        base_version=mesh.version,
+        kind="split",
+        read_nodes=ids[read_nodes],
+        read_elements=mesh.element_ids[read_elements(work, selection.crossed, read_nodes)],
+        moved_nodes=ids[snapping.nodes],
+        moved_rest=snapping.rest,
+        moved_anchors=ids[snapping.anchors],
+        moved_weights=snapping.weights,
+        copied_nodes=copies + np.uint32(PROVISIONAL),
+        copy_parents=ids[ungluing.parents],
+        rewritten_elements=mesh.element_ids[ungluing.elements],
+        rewritten_nodes=rewritten.astype(np.uint32),
+    )
+
+
+def read_elements(
+    work: Work, crossed: NDArray[np.int32], nodes: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Rows of the elements that are crossed or meet one of the nodes, ascending."""
+    return np.union1d(crossed, work.mesh.incident.of_all(nodes))
+
+
+def _components_after(work: Work, ungluing: Ungluing) -> int:
+    tets = work.links.tets.copy()
+    tets[ungluing.elements] = ungluing.nodes
+    return connected_components(tets, work.alive, ungluing.first_copy + len(ungluing.parents))[0]
