@@ -286,6 +286,7 @@ def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) ->
         header=header(frame_id, stamp),
         base_version=edit.base_version,
         version=edit.version,
+        reverts=edit.reverts,
         base_frame=edit.base_frame,
         kind=edit.kind,
         author=edit.author,
@@ -306,7 +307,8 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
     arrays: dict[str, NDArray[Any]] = {}
     for name in (*_EDIT_IDS, *_EDIT_REALS):
         dtype = np.uint32 if name in _EDIT_IDS else np.float64
-        values = array_of(getattr(message, name), dtype)
+        # Bags from before there was undo lack some.
+        values = array_of(getattr(message, name, ()), dtype)
         items = _EDIT_ITEMS.get(name)
         if items and values.size % items:
             raise ValueError(f"{name} has {values.size} numbers; allowed: a multiple of {items}")
@@ -327,6 +329,7 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
     return TopologyEdit(
         base_version=int(message.base_version),
         version=int(message.version),
+        reverts=int(getattr(message, "reverts", 0)),
         base_frame=int(message.base_frame),
         kind=message.kind,
         author=message.author,

@@ -20,10 +20,12 @@ from tissue_interfaces.srv import (
     Save,
     SetModel,
     SetTool,
+    Undo,
 )
 
 from tissue_sim import conversions
 from tissue_sim.frame import Answer
+from tissue_sim.geometry.edit import REDO, UNDO
 from tissue_sim.live import LiveSimulation
 from tissue_sim.requests import PlannedEdit, Request
 
@@ -64,6 +66,8 @@ class SimulationServices:
             ("set_tool", SetTool, "tissue/set_tool", _set_tool),
             ("remove_tool", RemoveTool, "tissue/remove_tool", _remove_tool),
             ("edit", ApplyEdit, "tissue/apply_edit", _edit),
+            ("undo", Undo, "tissue/undo", _author),
+            ("redo", Undo, "tissue/redo", _author),
             ("pause", SetBool, "tissue/pause", _pause),
             ("reset", Trigger, "tissue/reset", _reset),
         ):
@@ -136,6 +140,9 @@ class SimulationServices:
         if kind == "grab":
             for name in ("hold_id", "nodes", "taken"):
                 setattr(response, name, int(answer.values.get(name, 0)))
+        elif kind in (UNDO, REDO):
+            for name, value in answer.values.items():
+                setattr(response, name, value)
         elif kind == "edit" and answer.success:
             applied = answer.values["applied"]
             stamp = self._node.get_clock().now().to_msg()
@@ -157,6 +164,10 @@ def _release(request: Any) -> dict[str, Any]:
 
 def _name(request: Any) -> dict[str, Any]:
     return {"name": request.name}
+
+
+def _author(request: Any) -> dict[str, Any]:
+    return {"author": request.author}
 
 
 def _set_model(request: Any) -> dict[str, Any]:

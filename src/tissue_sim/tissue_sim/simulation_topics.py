@@ -71,7 +71,7 @@ class SimulationTopics:
         epoch = conversions.epoch_field(entry.epoch)
         edits = [
             conversions.edit_to_msg(edit, entry.epoch, self.frame_id, stamp)
-            for edit in entry.inputs.edits
+            for edit in (applied.change.edit for applied in frame.edits)
         ]
         for edit in edits:
             self.edits.publish(edit)
@@ -92,7 +92,9 @@ class SimulationTopics:
             self.cut_requests.publish(
                 conversions.cut_request(cut, entry, request_id, self.frame_id, stamp)
             )
-        self.journal.publish(conversions.entry_to_msg(entry, edits, self.frame_id, stamp))
+        # A replay makes edits of undo and redo anew, from their commands.
+        planned = edits[len(edits) - len(entry.inputs.edits) :]
+        self.journal.publish(conversions.entry_to_msg(entry, planned, self.frame_id, stamp))
 
     def publish_status(
         self,
