@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,64 +11,14 @@ from numpy.typing import NDArray
 from cut_service.errors import CutCode, CutError
 from cut_service.planner import Plan, Settings, plan
 from cut_service.sweep import Sweep
+from support.cut_scenes import SIDE, bent, heart, middle, new, quality, raw_organ, rest, square
 from support.valid_mesh import Shape, check_valid
 from tissue_sim.elastic.model import State
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import StaleEditError
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.quality import radius_ratios
-from tissue_sim.geometry.raw_mesh import RawMesh
-from tissue_sim.geometry.shapes import block, sphere_shell, wall
 
 NO_SNAP = Settings(snap=False)
-SIDE = 0.06
-
-
-@cache
-def _raw(name: str) -> RawMesh:
-    if name == "wall":
-        return wall()
-    if name == "shell":
-        return sphere_shell(subdivisions=3, layers=2)
-    raw = block(7, 6, 8, SIDE, SIDE, SIDE)
-    if name == "block":
-        return raw
-    # A block with its inner nodes shaken: no ties, all kinds of elements.
-    random = np.random.default_rng(5)
-    lower, upper = raw.points.min(axis=0), raw.points.max(axis=0)
-    inner = (raw.points > lower + 1e-9) & (raw.points < upper - 1e-9)
-    shake = random.uniform(-0.2, 0.2, raw.points.shape) * SIDE / 7
-    return replace(raw, points=raw.points + inner * shake)
-
-
-def new(name: str, fixed: NDArray[np.bool_] | None = None) -> Mesh:
-    return Mesh(_raw(name), fixed)
-
-
-def rest(mesh: Mesh) -> NDArray[np.float64]:
-    return mesh.rest[: mesh.node_rows]
-
-
-def square(
-    centre: NDArray[np.float64], normal: NDArray[np.float64], half: float, turn: float = 0.3
-) -> Sweep:
-    """A flat square about a centre."""
-    n = normal / np.linalg.norm(normal)
-    u = np.cross(n, [0.3, 0.5, 0.8] if abs(n @ [0.3, 0.5, 0.8]) < 0.95 else [1.0, 0.0, 0.0])
-    u /= np.linalg.norm(u)
-    v = np.cross(n, u)
-    u, v = np.cos(turn) * u + np.sin(turn) * v, np.cos(turn) * v - np.sin(turn) * u
-    corners = [centre + half * (i * u + j * v) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return Sweep.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
-
-
-def middle(mesh: Mesh) -> NDArray[np.float64]:
-    return 0.5 * (rest(mesh).min(axis=0) + rest(mesh).max(axis=0))
-
-
-def quality(mesh: Mesh) -> NDArray[np.float64]:
-    rows = mesh.element_rows
-    return radius_ratios(mesh.rest, mesh.tets[:rows][mesh.element_alive[:rows]])
 
 
 def applied(mesh: Mesh, planned: Plan) -> Shape:
@@ -226,7 +174,7 @@ def test_surface_nodes_stay_on_the_surface_and_corners_stay() -> None:
 
 
 def test_fixed_and_held_nodes_are_split_but_never_moved() -> None:
-    fixed = np.zeros(len(_raw("shaken").points), dtype=np.bool_)
+    fixed = np.zeros(len(raw_organ("shaken").points), dtype=np.bool_)
     fixed[::3] = True
     mesh = new("shaken", fixed)
     held = mesh.node_ids[: mesh.node_rows][1::3]
@@ -239,12 +187,6 @@ def test_fixed_and_held_nodes_are_split_but_never_moved() -> None:
     change = mesh.apply(edit)
     assert np.array_equal(mesh.fixed[change.copied_nodes], mesh.fixed[change.copy_parents])
     assert mesh.fixed[change.copied_nodes].any()
-
-
-def bent(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A smooth large deformation."""
-    x, y, z = points.T
-    return np.stack([x * (1.2 + 5 * z), y + 0.15 * np.sin(40 * x) * z, 1.1 * z + 3 * x * y], axis=1)
 
 
 def test_cuts_in_the_deformed_shape_and_pulls_the_new_places_back() -> None:
@@ -369,20 +311,8 @@ def test_crumbs_are_not_cut_free(name: str, seed: int) -> None:
     assert sizes[0] < Settings().smallest_piece <= sizes[1]
 
 
-@pytest.fixture(scope="module")
-def heart(shared_meshes: Path) -> RawMesh:
-    meshio = pytest.importorskip("meshio")
-    read = meshio.read(shared_meshes / "generated_heart" / "heart_35k.vtu")
-    tets = read.cells_dict["tetra"].astype(np.int64)
-    points = np.asarray(read.points, dtype=np.float64) * 1e-3
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    negative = np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) < 0
-    tets[negative] = tets[negative][:, [0, 1, 3, 2]]
-    return RawMesh(points, tets)
-
-
-def test_cuts_of_the_heart_are_valid_and_faithful(heart: RawMesh) -> None:
-    mesh = Mesh(heart)
+def test_cuts_of_the_heart_are_valid_and_faithful(shared_meshes: Path) -> None:
+    mesh = Mesh(heart(shared_meshes))
     before = check_valid(mesh)
     floor = min(Settings().quality_floor, quality(mesh).min())
     random = np.random.default_rng(3)
