@@ -295,6 +295,10 @@ class CutNode(Node):
             values["last apply [ms]"] = f"{last.apply_ms:.3f}"
             values["last faces split"] = report.faces_split
             values["last nodes added"] = report.nodes_added
+            values["last method"] = report.method
+            values["last elements removed"] = report.elements_removed
+            values["last elements added"] = report.elements_added
+            values["last volume change [mm^3]"] = f"{1e9 * report.volume_change:.6g}"
         status = DiagnosticStatus(
             level=level,
             name=f"{self.get_fully_qualified_name()}: cutting",
@@ -314,8 +318,12 @@ def _edit_id(request_id: str, attempt: int) -> str:
 
 def _in_words(planned: Plan) -> str:
     report = planned.report
+    exchanged = ""
+    if report.elements_removed:
+        exchanged = f"{report.elements_removed} elements removed, {report.elements_added} added, "
     return (
-        f"{report.faces_split} faces split, {report.nodes_added} nodes added, "
+        f"{report.faces_split} faces {'bared' if report.method == 'remove' else 'split'}, "
+        f"{exchanged}{report.nodes_added} nodes added, "
         f"{report.nodes_moved} moved, {report.components} "
         f"{'part' if report.components == 1 else 'parts'}, "
         f"{1e3 * report.distance_after[0]:.3g} mm from the sweep, "

@@ -12,7 +12,7 @@ from cut_service.planner import METHODS, Settings
 from tissue_sim.parameters import Spec
 
 SPECS = (
-    Spec("method", "string", "split", "how to cut when a request does not say", choices=METHODS),
+    Spec("method", "string", METHODS[0], "how to cut when a request does not say", choices=METHODS),
     Spec("snap", "bool", True, "whether the cut's nodes are moved onto the sweep"),
     Spec(
         "quality_floor", "double", 0.1,
@@ -31,6 +31,16 @@ SPECS = (
     Spec(
         "smallest_piece", "integer", 5,
         "number of elements below which a piece is not cut free", minimum=1, maximum=100,
+    ),
+    Spec(
+        "vertex_share", "double", 0.15,
+        "subdivide: a sweep that passes an edge nearer to its end than this share of it passes "
+        "through the end",
+        minimum=0.0, maximum=0.45,
+    ),
+    Spec(
+        "vertex_reach", "double", 0.05,
+        "subdivide: the same as a share of the organ's mean edge", minimum=0.0, maximum=0.45,
     ),
     Spec("shapes_kept", "integer", 30, "frames a request can name", minimum=1, maximum=600),
     Spec("attempts", "integer", 3, "plans made before a cut fails as stale", minimum=1, maximum=10),
@@ -71,5 +81,7 @@ class CutParameters:
             crease_angle=float(np.radians(own.pop("crease_angle"))),
             volume_budget=own.pop("volume_budget"),
             smallest_piece=own.pop("smallest_piece"),
+            vertex_share=own.pop("vertex_share"),
+            vertex_reach=own.pop("vertex_reach"),
         )
         return cls(settings=settings, **own)

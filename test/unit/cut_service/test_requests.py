@@ -49,7 +49,9 @@ def test_the_parameters_defaults_are_those_of_the_planner() -> None:
     made = CutParameters.of({spec.name: spec.default for spec in SPECS})
     assert made.method == "split"
     assert made.settings.crease_angle == pytest.approx(Settings().crease_angle, abs=0.01)
-    for name in ("snap", "quality_floor", "volume_budget", "smallest_piece"):
+    for name in (
+        "snap", "quality_floor", "volume_budget", "smallest_piece", "vertex_share", "vertex_reach",
+    ):  # fmt: skip
         assert getattr(made.settings, name) == getattr(Settings(), name)
     assert np.degrees(made.settings.crease_angle) == pytest.approx(40.0)
     for spec in SPECS:
