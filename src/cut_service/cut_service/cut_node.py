@@ -18,7 +18,7 @@ from tissue_interfaces.srv import ApplyEdit, Cut
 from cut_service.cut_parameters import SPECS, CutParameters
 from cut_service.errors import CutCode, CutError
 from cut_service.ledger import Ledger
-from cut_service.planner import Plan, Report, plan
+from cut_service.planner import SHEET_METHOD, Plan, Report, plan
 from cut_service.sweep import Sweep
 from cut_service.waiting import Until
 from cut_service.warm_up import warm_up
@@ -228,8 +228,9 @@ class CutNode(Node):
         mesh = self._replica.mesh
         if mesh is None:
             raise CutError(CutCode.NO_TISSUE, "no topology of the tissue has been received yet")
+        default = self._settings.method if mesh.sheet_rows is None else SHEET_METHOD
         return plan(
-            mesh, shape.positions, sweep, method or self._settings.method,
+            mesh, shape.positions, sweep, method or default,
             settings=self._settings.settings, base_frame=shape.frame,
             author=author or self.get_name(), request_id=request_id,
         )  # fmt: skip
@@ -328,6 +329,7 @@ def _in_words(planned: Plan) -> str:
         f"{'part' if report.components == 1 else 'parts'}, "
         f"{1e3 * report.distance_after[0]:.3g} mm from the sweep, "
         f"planned in {report.plan_ms:.1f} ms"
+        f"{'; ' if report.notes else ''}{report.notes}"
     )
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
 from cut_service.removal import remove
+from cut_service.sheet_cuts import split_sheet
 from cut_service.splitting import split
 from cut_service.subdivision import subdivide
 from cut_service.sweep import Sweep
 from cut_service.work import Plan, Report, Settings, Work, prepare
-from tissue_sim.geometry.edit_check import SHEETS_STAY_WHOLE
 from tissue_sim.geometry.mesh import Mesh
 
-__all__ = ["METHODS", "Plan", "Report", "Settings", "plan"]
+__all__ = ["METHODS", "SHEET_METHOD", "Plan", "Report", "Settings", "plan"]
 
 _PLANNERS: dict[str, Callable[[Work], Plan]] = {
     "split": split,
@@ -28,6 +28,9 @@ _PLANNERS: dict[str, Callable[[Work], Plan]] = {
 
 METHODS = tuple(_PLANNERS)
 """Ways of cutting tetrahedra, the default first."""
+
+SHEET_METHOD = "split"
+"""The way of cutting tissue that is made of triangles."""
 
 
 def plan(
@@ -57,7 +60,7 @@ def plan(
 
     Raises:
         SweepError: The sweep is enormous beside the organ.
-        CutError: Unknown method, tissue made of surfaces, positions that do not fit or are not
+        CutError: Unknown method, one that cannot cut triangles, positions that do not fit or are not
             finite, or a sweep that cuts nothing, or that would leave nothing.
     """
     begin = time.perf_counter()
@@ -65,9 +68,16 @@ def plan(
         raise CutError(
             CutCode.UNKNOWN_METHOD, f"unknown method {method!r}; known: {', '.join(METHODS)}"
         )
-    if mesh.sheet is not None:
-        raise CutError(CutCode.REFUSED, SHEETS_STAY_WHOLE)
-    made = _PLANNERS[method](prepare(mesh, positions, sweep, settings or Settings(), held))
+    planner = _PLANNERS[method]
+    if mesh.sheet_rows is not None:
+        if method != SHEET_METHOD:
+            raise CutError(
+                CutCode.REFUSED,
+                f"{mesh.name} is made of triangles, which {method} cannot cut; "
+                f"allowed: {SHEET_METHOD}",
+            )
+        planner = split_sheet
+    made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
     edit = replace(made.edit, base_frame=base_frame, author=author, request_id=request_id)
     report = replace(made.report, plan_ms=1e3 * (time.perf_counter() - begin))
     return replace(made, edit=edit, report=report)

@@ -58,6 +58,7 @@ class Report:
         method: How it was cut.
         elements_removed: Elements that are no more, those that were divided included.
         elements_added: Elements that are new.
+        notes: What figures do not say, for people; empty if nothing.
         plan_ms: Time it took to plan.
     """
 
@@ -72,6 +73,7 @@ class Report:
     method: str = "split"
     elements_removed: int = 0
     elements_added: int = 0
+    notes: str = ""
     plan_ms: float = 0.0
 
 
