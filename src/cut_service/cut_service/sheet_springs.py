@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cut_service.sheet_selection import Parting, near, segments_crossed
 from cut_service.sweep import Sweep
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.sheet import ANGULAR, CONNECTING
+from tissue_sim.geometry.sheet import ANGULAR, CONNECTING, SURFACE
 from tissue_sim.geometry.sheet_rows import WALL
 
 Rows = NDArray[np.int32]
@@ -28,7 +28,7 @@ ENOUGH = 3
 """Springs through the tissue that keep a node in its place."""
 
 RINGS = 2
-"""How far from the old end of a spring its new one may be, in edges."""
+"""How far from a node those are, in edges, whose springs tell what lies across the tissue from it."""
 
 
 @dataclass
@@ -112,10 +112,13 @@ class _Cutter:
         self.cut = SpringCut()
         self.own = {copy: int(node) for copy, node in enumerate(parting.parents, parting.first_copy)}
         self._new: set[Pair] = set()
-        self._rings: dict[int, list[int]] = {}
+        self._known: dict[int, list[int]] = {}
+        self._seen_rows: set[int] = set()
+        self._corners = dict(zip(parting.rows.tolist(), parting.nodes.tolist(), strict=True))
 
     def run(self, opened: NDArray[np.int32]) -> SpringCut:
         rows = self._touched()
+        self._seen_rows = set(rows.tolist())
         ends, crossing = self._choose(rows)
         folds = {(min(c, d), max(c, d)) for c, d in opened.tolist()}
         children: dict[int, list[Pair]] = {}
@@ -181,7 +184,7 @@ class _Cutter:
     ) -> None:
         """New springs on their own sides, for those that are gone and at needy nodes."""
         wishes = [wish for row in broken for wish in self._wishes(row)]
-        self._grant(wishes, children)
+        self._grant(wishes, kept, children)
         count: dict[int, int] = {}
         pairs = [pair for row, pair in kept.items() if self.kinds[row] == CONNECTING]
         for node in (n for pair in [*pairs, *sum(children.values(), [])] for n in pair):
@@ -193,30 +196,27 @@ class _Cutter:
             for version in versions:
                 for k in range(min(ENOUGH, len(own)) - count.get(version, 0)):
                     row = own[k % len(own)]
-                    ends = [int(end) for end in self.mesh.tets[row, :2]]
-                    needy.append((version, ends[0] if ends[1] == node else ends[1], row))
-        self.cut.short += len(needy) - self._grant(needy, children)
+                    needy.append((version, row))
+        self.cut.short += len(needy) - self._grant(needy, kept, children)
 
-    def _wishes(self, row: int) -> list[tuple[int, int, int]]:
-        """New springs in the place of one that is gone: from, near which node, for which."""
-        p, q = (int(end) for end in self.mesh.tets[row, :2])
-        return [
-            (version, other, row)
-            for node, other in ((p, q), (q, p))
-            for version in self.sides.versions(node)
-        ]
+    def _wishes(self, row: int) -> list[tuple[int, int]]:
+        """New springs in the place of one that is gone: from which node, for which spring."""
+        ends = (int(end) for end in self.mesh.tets[row, :2])
+        return [(version, row) for node in ends for version in self.sides.versions(node)]
 
     def _grant(
-        self, wishes: list[tuple[int, int, int]], children: dict[int, list[Pair]]
+        self,
+        wishes: list[tuple[int, int]],
+        kept: dict[int, Pair],
+        children: dict[int, list[Pair]],
     ) -> int:
         """Find the nearest node on its own side for each wish; how many were found."""
         pairs: list[Pair] = []
         of: list[int] = []
-        for place, (version, about, _) in enumerate(wishes):
-            for node in self._ring(about):
-                for candidate in self.sides.versions(node):
-                    pairs.append((version, candidate))
-                    of.append(place)
+        for place, (version, _) in enumerate(wishes):
+            for candidate in self._across(version, kept):
+                pairs.append((version, candidate))
+                of.append(place)
         if not pairs:
             return 0
         crossed, length = self._seen(pairs)
@@ -226,7 +226,7 @@ class _Cutter:
             if of[k] in granted or crossed[k] or self._joined(pair, children):
                 continue
             granted.add(of[k])
-            children.setdefault(wishes[of[k]][2], []).append(pair)
+            children.setdefault(wishes[of[k]][1], []).append(pair)
         return len(granted)
 
     def _joined(self, pair: Pair, children: dict[int, list[Pair]]) -> bool:
@@ -243,13 +243,42 @@ class _Cutter:
         self._new.add(key)
         return False
 
-    def _ring(self, node: int) -> list[int]:
-        """A node and those within `RINGS` edges of it, on the same side of the tissue."""
-        if node not in self._rings:
-            found = {node}
+    def _around(self, nodes: set[int]) -> set[int]:
+        """Versions of nodes, and those that triangles join them to after the cut."""
+        found = set(nodes)
+        for node in nodes:
+            old = self.own.get(node, node)
+            if old in self.parting.fans:
+                fan = self.parting.fans[old][node]
+            else:
+                rows = self.mesh.incident.of(old)
+                fan = rows[self.kinds[rows] == SURFACE].tolist()
+            for row in fan:
+                found.update(self._corners[row] if row in self._corners else self._old(row))
+        return found
+
+    def _old(self, row: int) -> list[int]:
+        return [int(node) for node in self.mesh.tets[row, :3]]
+
+    def _partners(self, nodes: set[int], kept: dict[int, Pair]) -> set[int]:
+        """Versions of nodes that springs which stay join to some."""
+        found: set[int] = set()
+        for node in nodes:
+            rows = self.mesh.incident.of(self.own.get(node, node))
+            for row in rows[self.kinds[rows] == CONNECTING].tolist():
+                pair = kept.get(row)
+                if pair is None and row not in self._seen_rows:
+                    pair = (int(self.mesh.tets[row, 0]), int(self.mesh.tets[row, 1]))
+                if pair is not None and node in pair:
+                    found.add(pair[0] if pair[1] == node else pair[1])
+        return found
+
+    def _across(self, version: int, kept: dict[int, Pair]) -> list[int]:
+        """Nodes across the tissue from a version of a node, about those of its neighbours."""
+        if version not in self._known:
+            near_by = {version}
             for _ in range(RINGS):
-                around = self.mesh.incident.of_all(np.array(sorted(found), dtype=np.int32))
-                solid = around[self.kinds[around] == 0]
-                found |= set(self.mesh.tets[solid, :3].ravel().tolist())
-            self._rings[node] = sorted(found)
-        return self._rings[node]
+                near_by = self._around(near_by)
+            far = self._around(self._partners(near_by, kept))
+            self._known[version] = sorted(far - near_by)
+        return self._known[version]
