@@ -196,7 +196,8 @@ def _closest_living(mesh: Mesh, vanished: Rows, tets: Rows) -> Rows:
     like = vanished.copy()
     if not len(vanished):
         return like
-    nodes, corners = np.unique(tets, return_inverse=True)
+    # Triangles and springs of a sheet have fewer nodes.
+    nodes, corners = np.unique(np.where(tets < 0, tets[:, :1], tets), return_inverse=True)
     corners = corners.reshape(tets.shape)
     nobody = np.iinfo(np.int32).max
     found = np.where(mesh.node_alive[nodes], nodes, nobody).astype(np.int32)
