@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from tissue_interfaces.srv import (
     Save,
     SetModel,
     SetTool,
+    Undo,
 )
 
 from support.simulation_process import Client, SimulationProcess, client, eventually, simulation
@@ -343,6 +346,52 @@ def test_services_do_what_they_say(tmp_path: Path) -> None:
         assert not late.success
         assert peer.call(Trigger, "tissue/reset").success
         assert (tmp_path / "data" / "split.npz").is_file()
+
+
+def test_undo_and_redo_are_answered_and_the_journal_repeats_them(tmp_path: Path) -> None:
+    with client() as peer:
+        hearing(peer, "tissue/journal", "tissue/edits")
+        waiting = ["tissue/state:1", "tissue/journal:1", "tissue/topology:1", "tissue/edits:1"]
+        with simulation(tmp_path, wait_for=waiting, model="quasi_static", **GRASPER) as process:
+            ready(peer)
+            nothing = peer.call(Undo, "tissue/undo", author="bob")
+            assert (nothing.success, nothing.error_code) == (False, Undo.Response.NOTHING_THERE)
+            assert "no edit to undo" in nothing.message
+            edit = edit_message(peer, request_id="split")
+            edit.author = "alice"
+            assert peer.call(ApplyEdit, "tissue/apply_edit", edit=edit).success
+            undone = peer.call(Undo, "tissue/undo", author="bob", request_id="once")
+            assert undone.success and undone.version == 3
+            assert (undone.reverted_kind, undone.reverted_author) == ("split", "alice")
+            assert undone.reverted_request_id == "split"
+            assert (undone.can_undo, undone.can_redo) == (0, 1)
+            # A repeat is answered and not done again.
+            assert peer.call(Undo, "tissue/undo", author="bob", request_id="once").success
+            said = command_line("redo")
+            assert "redo of the split by alice (split): version 4; 1 more to undo" in said.stdout
+            said = command_line("redo")
+            assert said.returncode == 1 and "no undone edit to redo" in said.stderr
+            assert peer.call(Undo, "tissue/undo").version == 5
+            peer.first("tissue/state", lambda state: state.version == 5)
+            assert process.interrupt() == 0
+        kinds = [(m.version, m.kind, m.author) for m in peer.heard["tissue/edits"]]
+        assert kinds[:2] == [(2, "split", "alice"), (3, "undo", "bob")]
+        assert [version for version, *_ in kinds] == [2, 3, 4, 5]
+        mesh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
+        fresh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
+        for message in peer.heard["tissue/edits"]:
+            mesh.apply(conversions.edit_from_msg(message))
+        np.testing.assert_array_equal(mesh.tets[: mesh.element_rows], fresh.tets[: mesh.element_rows])
+        entries = [conversions.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
+        result = replay(entries, fresh)
+        assert result.mismatches == ()
+        assert result.simulation.mesh.version == 5
+
+
+def command_line(*words: str) -> subprocess.CompletedProcess[str]:
+    code = "import sys; sys.argv[0] = 'tissue'; from tissue_sim.cli import main; main()"
+    arguments = [sys.executable, "-P", "-c", code, *words]
+    return subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
 
 
 def test_a_late_joiner_gets_the_topology_of_now(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.frame import Frame, JournalEntry
+from tissue_sim.geometry.edit import REDO, UNDO
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.holds import Hold
 from tissue_sim.journal import Replay, replay
@@ -82,12 +83,23 @@ class _Observer:
         self._grabs: dict[int, tuple[GrabReport, NDArray[np.int32], NDArray[np.float64]]] = {}
         self._lips: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
 
+    def _part_no_more(self, vanished: NDArray[np.int32]) -> None:
+        """Lips of an undone cut are gone."""
+        self._lips = [
+            (copies[there], parents[there])
+            for copies, parents in self._lips
+            for there in (~np.isin(copies, vanished),)
+        ]
+
     def look(self, simulation: Simulation, frame: Frame) -> None:
         places = np.asarray(frame.positions, dtype=np.float64)
         self.report.steps += frame.journal.steps
         self.report.finite &= bool(np.isfinite(places).all())
         for edit in frame.edits:
             change = edit.change
+            if change.edit.kind in (UNDO, REDO):
+                self._part_no_more(change.vanished_nodes)
+                continue
             self._lips.append((change.copied_nodes, change.copy_parents))
             self.report.cuts.append(
                 CutOpening(

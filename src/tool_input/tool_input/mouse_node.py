@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Status, TissueState, Tool, Topology, TopologyEdit
-from tissue_interfaces.srv import Cut, SetModel, SetTool
+from tissue_interfaces.srv import Cut, SetModel, SetTool, Undo
 
 from tissue_sim import qos
 from tissue_sim.conversions import (
@@ -75,6 +75,8 @@ class MouseNode(Node):
             "set_tool": self.create_client(SetTool, "tissue/set_tool"),
             "pause": self.create_client(SetBool, "tissue/pause"),
             "reset": self.create_client(Trigger, "tissue/reset"),
+            "undo": self.create_client(Undo, "tissue/undo"),
+            "redo": self.create_client(Undo, "tissue/redo"),
         }
         models = tuple(registry.names())
         self.page = OperatingPage(self, models, host=given["host"], port=given["port"])
@@ -136,6 +138,14 @@ class MouseNode(Node):
     def reset(self) -> None:
         """Put the organ back to its start."""
         self._call("reset", Trigger.Request())
+
+    def undo(self) -> None:
+        """Take back the newest edit of the tissue."""
+        self._call("undo", Undo.Request(author=self.get_name(), request_id=self._new_id()))
+
+    def redo(self) -> None:
+        """Make the edit again that was undone last."""
+        self._call("redo", Undo.Request(author=self.get_name(), request_id=self._new_id()))
 
     # What the simulation says
 

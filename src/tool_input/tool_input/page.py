@@ -50,6 +50,12 @@ class Actions(Protocol):
     def reset(self) -> None:
         """Put the organ back to its start."""
 
+    def undo(self) -> None:
+        """Take back the newest edit of the tissue."""
+
+    def redo(self) -> None:
+        """Make the edit again that was undone last."""
+
 
 def swept_rectangle(
     start: NDArray[np.float64],
@@ -178,11 +184,14 @@ class OperatingPage:
         )
         model = gui.add_dropdown("Model", models)
         paused = gui.add_checkbox("Paused", initial_value=False)
+        undo, redo = gui.add_button("Undo"), gui.add_button("Redo")
         reset = gui.add_button("Reset")
         gui.add_markdown(HELP)
         radius.on_update(lambda _: self._actions.set_radius(radius.value / 1e3))
         model.on_update(lambda _: self._actions.set_model(model.value))
         paused.on_update(lambda _: self._actions.pause(paused.value))
+        undo.on_click(lambda _: self._actions.undo())
+        redo.on_click(lambda _: self._actions.redo())
         reset.on_click(lambda _: self._actions.reset())
 
     def _to_page(self, points: NDArray[np.floating]) -> NDArray[np.float32]:

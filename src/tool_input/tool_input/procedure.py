@@ -33,6 +33,8 @@ ACTIONS = {
     "model": ("parameters",),
     "pause": (),
     "reset": (),
+    "undo": (),
+    "redo": (),
 }
 """Actions of the timeline, and the keys each may have besides itself and `at`."""
 
@@ -243,7 +245,7 @@ class _Reader:
             self._add(item, time, action, subject.text())
         elif action == "pause":
             self._add(item, time, action, value=float(subject.flag()))
-        elif action == "reset":
+        elif action in ("reset", "undo", "redo"):
             if not subject.flag():
                 raise subject.error("must be true")
             self._add(item, time, action)

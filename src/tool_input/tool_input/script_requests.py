@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Sweep
-from tissue_interfaces.srv import Cut, Grab, Release, SetModel
+from tissue_interfaces.srv import Cut, Grab, Release, SetModel, Undo
 
 from tool_input.procedure import Event, Procedure
 
@@ -23,6 +23,8 @@ SERVICES = {
     "model": (SetModel, "tissue/set_model"),
     "pause": (SetBool, "tissue/pause"),
     "reset": (Trigger, "tissue/reset"),
+    "undo": (Undo, "tissue/undo"),
+    "redo": (Undo, "tissue/redo"),
 }
 
 
@@ -100,6 +102,8 @@ class Requests:
             )
         if event.action == "pause":
             return SetBool.Request(data=bool(event.value))
+        if event.action in ("undo", "redo"):
+            return Undo.Request(author=self._session, request_id=request_id)
         return Trigger.Request()
 
     def _sweep(self, event: Event) -> Sweep:

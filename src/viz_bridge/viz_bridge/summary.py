@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.edit import REDO, UNDO
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.surface import surface_triangles
 from viz_bridge.bag_reader import read_organ
@@ -135,6 +136,11 @@ class SessionFigures:
             return
         before = boundary_size(mesh)
         if not self._organ.take_edit(message):
+            return
+        if message.kind in (UNDO, REDO):
+            for cut in self._open_cuts:
+                there = mesh.node_alive[cut.copies]
+                cut.copies, cut.parents = cut.copies[there], cut.parents[there]
             return
         self._open_cuts.append(
             CutFigures(

@@ -7,7 +7,7 @@ import sys
 import typer
 from rich.console import Console
 
-from tissue_sim.cli import bench, demo, mesh, pictures, replay, run
+from tissue_sim.cli import bench, demo, history, mesh, pictures, replay, run
 from tissue_sim.launcher import LaunchError
 
 BAD_INPUT = 2
@@ -25,6 +25,8 @@ app = typer.Typer(
 app.command("run")(run.run)
 app.command("demo")(demo.demo)
 app.command("replay")(replay.replay)
+app.command("undo")(history.undo)
+app.command("redo")(history.redo)
 app.command("bench")(bench.bench)
 app.command("pictures")(pictures.pictures)
 app.add_typer(mesh.app, name="mesh", help="Look at mesh files, check and convert them.")
