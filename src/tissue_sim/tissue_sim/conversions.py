@@ -219,16 +219,22 @@ def topology_to_mesh(message: Topology) -> Mesh:
     flags = array_of(message.node_flags, np.uint8)
     element_flags = array_of(message.element_flags, np.uint8)
     alive = element_flags & ALIVE > 0
+    sheet = _sheet_of(message)
+    regions = array_of(message.element_regions, np.int32)
+    element_file_ids = array_of(message.element_file_ids, np.int64)
+    if sheet is not None:
+        # What comes from a file are its nodes; elements get their rows below.
+        regions, element_file_ids = regions[:0], element_file_ids[:0]
     raw = RawMesh(
         points=array_of(message.rest_positions, np.float64).reshape(-1, 3),
         tetrahedra=array_of(message.tetrahedra, np.uint32).reshape(-1, 4).astype(np.int64),
-        regions=array_of(message.element_regions, np.int32),
+        regions=regions,
         region_names=dict(
             zip(map(int, message.region_labels), map(str, message.region_names), strict=True)
         ),
         node_file_ids=array_of(message.node_file_ids, np.int64),
-        element_file_ids=array_of(message.element_file_ids, np.int64),
-        sheet=_sheet_of(message),
+        element_file_ids=element_file_ids,
+        sheet=sheet,
         name=message.organ,
     )
     mesh = Mesh(raw, (flags & FIXED) > 0)

@@ -39,9 +39,7 @@ def tool_parameters(interaction: Interaction, others: Iterable[str] = ()) -> dic
     }
 
 
-def write_default_procedure(
-    path: Path, interaction: Interaction, seconds: float, cut: bool = True
-) -> None:
+def write_default_procedure(path: Path, interaction: Interaction, seconds: float) -> None:
     """Write a procedure that lasts as long as the run.
 
     Args:
@@ -49,21 +47,20 @@ def write_default_procedure(
         interaction: Where to work.
         seconds: Length of the run [s]; the procedure is shorter by `SLACK`, but not below
             `SHORTEST_SECONDS`.
-        cut: Whether it cuts.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = default_procedure(interaction, max(seconds - SLACK, SHORTEST_SECONDS), cut)
+    content = default_procedure(interaction, max(seconds - SLACK, SHORTEST_SECONDS))
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
-def default_procedure(interaction: Interaction, seconds: float, cut: bool = True) -> dict[str, Any]:
-    """The procedure as a YAML file holds it, in metres and seconds; `cut` says whether it cuts."""
+def default_procedure(interaction: Interaction, seconds: float) -> dict[str, Any]:
+    """The procedure as a YAML file holds it, in metres and seconds."""
     at = {name: round(share * seconds, 3) for name, share in PARTS.items()}
     a, b, c, d = (_metres(corner) for corner in interaction.cut)
     taut = interaction.grab_point + TAUT * interaction.pull
     pulled = interaction.grab_point + interaction.pull
     return {
-        "title": "grab, pull and cut" if cut else "grab and pull",
+        "title": "grab, pull and cut",
         "units": "m",
         "frame_id": "organ",
         "tools": {TOOL: {"kind": "grab", "start": {"position": _metres(interaction.tool_start)}}},
@@ -81,7 +78,7 @@ def default_procedure(interaction: Interaction, seconds: float, cut: bool = True
                 "to": _metres(taut),
                 "for": round(at["taut"] - at["press"], 3),
             },
-            *([{"at": at["cut"], "cut": {"strip": {"from": [a, d], "to": [b, c]}}}] if cut else []),
+            {"at": at["cut"], "cut": {"strip": {"from": [a, d], "to": [b, c]}}},
             {
                 "at": at["cut"],
                 "move": TOOL,

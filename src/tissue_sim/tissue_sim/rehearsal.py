@@ -26,7 +26,7 @@ def rehearse(sheet: bool = False) -> None:
     """Grab, pull, split and release two tetrahedra with every model.
 
     And with the parameters, holds and predictors with which frames call other kernels.
-    For tissue made of triangles, grab, pull and release a tetrahedron's surface as well.
+    For tissue made of triangles, grab, pull, split and release those of a surface as well.
 
     Kernels are compiled, or loaded from the cache, at their first call: tens of milliseconds each.
     """
@@ -56,12 +56,31 @@ def _rehearse(scene: Scene, sheet: bool = False) -> None:
     moved = replace(pressed, pose=at + 0.001 * np.eye(7)[0], edge=0)
     simulation.advance(FrameInputs(tools=(pressed,)), budget)
     simulation.advance(FrameInputs(tools=(moved,)), budget)
-    edits = () if sheet else (_split(),)
+    edits = (_sheet_split(mesh) if sheet else _split(),)
     simulation.advance(FrameInputs(edits=edits, tools=(moved,)), budget)
     simulation.advance(FrameInputs(tools=(replace(moved, use=False, edge=-1),)), budget)
     grab = Command("grab", {"tool": TOOL.id, "radius": 0.002})
     simulation.advance(FrameInputs(commands=(grab,)), budget)
     simulation.model.residual(simulation.state)
+
+
+def _sheet_split(mesh: Mesh) -> TopologyEdit:
+    """Give a triangle at a node a copy of it, and move the node."""
+    row = mesh.incident.of(4)[:1]
+    at, other = np.array([4], dtype=np.uint32), mesh.tets[row, 0] % 4
+    nodes = np.where(mesh.tets[row] == 4, PROVISIONAL, mesh.tets[row].astype(np.uint32))
+    return TopologyEdit(
+        base_version=1,
+        read_nodes=at,
+        moved_nodes=at,
+        moved_rest=0.9 * mesh.rest[at] + 0.1 * mesh.rest[other],
+        moved_anchors=np.array([[4, other[0], other[0], other[0]]], dtype=np.uint32),
+        moved_weights=np.array([[0.9, 0.1, 0.0, 0.0]]),
+        copied_nodes=np.array([PROVISIONAL], dtype=np.uint32),
+        copy_parents=at,
+        rewritten_elements=mesh.element_ids[row],
+        rewritten_nodes=nodes.astype(np.uint32),
+    )
 
 
 def _split() -> TopologyEdit:

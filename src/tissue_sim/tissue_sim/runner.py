@@ -181,7 +181,7 @@ def _suggested(
         return tools, options.procedure
     procedure = options.out / "procedure.yaml"
     seconds = (frames or HEADLESS_SECONDS * RATE_HZ) / float(values.get("rate_hz", RATE_HZ))
-    write_default_procedure(procedure, interaction, seconds, cut=sheet is None)
+    write_default_procedure(procedure, interaction, seconds)
     return tools, procedure
 
 

@@ -116,13 +116,13 @@ def _keys(triples: NDArray[np.int64], nodes: int) -> NDArray[np.uint64]:
 
 
 def surface_of(mesh: Mesh) -> OrganSurface:
-    """The surface of a mesh as it is now; of a sheet every triangle is outside."""
+    """The surface of a mesh as it is now; of a sheet the walls of its cuts are inside."""
     if mesh.sheet is not None:
-        triangles, none = mesh.sheet.triangles, np.empty((0, 3), dtype=np.int32)
+        triangles, walls = mesh.sheet.triangles, mesh.sheet.walls
         return OrganSurface(
             mesh.version,
             _part(triangles, np.zeros((len(triangles), 3)), OUTSIDE),
-            _part(none, np.empty((0, 3)), INSIDE),
+            _part(walls, np.zeros((len(walls), 3)), INSIDE),
         )
     rows = mesh.element_rows
     triangles, elements = boundary_triangles(

@@ -22,7 +22,6 @@ from tissue_sim.default_procedure import default_procedure
 from tissue_sim.geometry.components import parts_of
 from tissue_sim.geometry.connected_surfaces import opposite_side
 from tissue_sim.geometry.curvature_springs import angular_springs, bending_springs, hinges
-from tissue_sim.geometry.edit import EditError, TopologyEdit
 from tissue_sim.geometry.errors import MeshError
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.scene_geometry import load, suggest_interaction
@@ -31,6 +30,7 @@ from tissue_sim.geometry.sheet_geometry import CONNECTED, SURFACE, SheetSettings
 from tissue_sim.geometry.surface import surface_triangles, vertex_normals
 from tissue_sim.simulation_parameters import sheet_settings
 from tool_input.procedure import parse_procedure
+from tissue_sim.live import mesh_for_keyframe
 from viz_bridge.organ_surface import surface_of
 
 
@@ -210,17 +210,49 @@ def test_the_viewer_draws_every_triangle_of_a_sheet() -> None:
     assert not len(surface_of(mesh).inside.triangles)
 
 
-def test_cutting_a_sheet_is_refused_with_the_reason() -> None:
+def test_the_default_procedure_cuts_sheets_and_only_by_splitting() -> None:
     mesh = connected()
     edge = 0.05 * np.array([[-1.0, 0, 0], [1, 0, 0], [0, 0, 2]])
-    with pytest.raises(CutError, match="surfaces cannot be cut") as refused:
-        plan(mesh, mesh.rest[: mesh.node_rows], Sweep(edge, np.array([[0, 1, 2]])))
+    sweep = Sweep(edge, np.array([[0, 1, 2]], dtype=np.int32))
+    with pytest.raises(CutError, match="made of triangles, which subdivide cannot cut") as refused:
+        plan(mesh, mesh.rest[: mesh.node_rows], sweep, "subdivide")
     assert refused.value.code == CutCode.REFUSED
-    with pytest.raises(EditError, match="surfaces cannot be cut; allowed: geometry_kind volume"):
-        mesh.apply(TopologyEdit(mesh.version))
-    procedure = default_procedure(suggest_interaction(mesh), 4.0, cut=False)
-    events = parse_procedure(yaml.safe_dump(procedure)).events
-    assert {event.action for event in events} == {"press", "release"}
+    mesh = load("wall", sheet=SheetSettings(CONNECTED)).mesh
+    interaction = suggest_interaction(mesh)
+    events = parse_procedure(yaml.safe_dump(default_procedure(interaction, 4.0))).events
+    assert {event.action for event in events} == {"press", "cut", "release"}
+    a, b, c, d = interaction.cut
+    strip = Sweep.between(np.array([a, d]), np.array([b, c]))
+    assert plan(mesh, mesh.rest[: mesh.node_rows], strip).report.faces_split > 0
+
+
+def test_a_cut_sheet_survives_messages_and_files(tmp_path: Path) -> None:
+    mesh = sheet_mesh(shell(subdivisions=1), EVERYTHING, CONNECTED)
+    first, second = (
+        Sweep.between(
+            x + 0.05 * np.array([[0, -1, 1], [0, 1, 1]]),
+            x + np.array([[0, -1, 0], [0, 1, 0]]) * 0.05,
+        )
+        for x in (np.array([0.001, 0.0, 0.0]), np.array([0.006, 0.0, 0.0]))
+    )
+    mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], first).edit)
+    message = conversions.mesh_to_topology(mesh_for_keyframe(mesh), bytes(16), "organ", Time())
+    late = conversions.topology_to_mesh(message)
+    snapshot.save(snapshot.take(mesh, np.zeros((mesh.node_capacity, 3))), tmp_path, "cut")
+    loaded = snapshot.load(tmp_path, "cut").mesh()
+    assert mesh.sheet is not None
+    for other in (late, loaded):
+        assert other.sheet is not None
+        for name in ("triangles", "springs", "categories", "volumes", "thickness", "walls"):
+            assert len(getattr(other.sheet, name)) == len(getattr(mesh.sheet, name))
+        assert other.sheet.volumes.sum() == pytest.approx(mesh.sheet.volumes.sum())
+    # Who joined late has the same rows, and follows what comes then.
+    edit = mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], second).edit).edit
+    sent = conversions.edit_to_msg(edit, bytes(16), "organ", Time())
+    late.apply(conversions.edit_from_msg(sent))
+    for name in ("triangles", "springs", "categories", "volumes", "thickness", "walls"):
+        np.testing.assert_array_equal(getattr(late.sheet, name), getattr(mesh.sheet, name))
+    assert len(surface_of(mesh).inside.triangles) == len(mesh.sheet.walls) > 0
 
 
 def test_real_segmentations_are_connected(shared_meshes: Path) -> None:
