@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,11 @@ from tissue_interfaces.msg import CutRequest
 from tissue_interfaces.srv import ApplyEdit, Cut
 
 from cut_service.sweep import Sweep
+from support.cut_sheets import plane_x
 from support.fake_simulation import FRAME, FakeSimulation, spinning, wait_for
+from support.sheets import connected
 from tissue_sim import conversions, qos
-from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.components import connected_components, parts_of
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
@@ -133,9 +135,11 @@ def world(ros_domain: int, tmp_path: Path) -> Iterator[World]:
 
 
 @contextmanager
-def new_world(domain: int, folder: Path) -> Iterator[World]:
+def new_world(
+    domain: int, folder: Path, make: Callable[[], Mesh] = organ
+) -> Iterator[World]:
     def factory(context: Context) -> FakeSimulation:
-        return FakeSimulation(organ(), context)
+        return FakeSimulation(make(), context)
 
     with spinning(domain, factory) as simulation:
         made = World(simulation, folder / "cut_node.log")
@@ -307,3 +311,24 @@ def test_a_misspelt_parameter_is_refused_at_start(ros_domain: int) -> None:
     )  # fmt: skip
     assert run.returncode == 2
     assert "did you mean quality_floor" in run.stderr
+
+
+def test_cuts_connected_surfaces_and_shows_the_wall_to_who_comes_late(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with new_world(ros_domain, tmp_path, connected) as world:
+        # The default of the service is for tetrahedra; tissue made of triangles is split anyway.
+        world.start("--ros-args", "-p", "method:=subdivide")
+        simulation = world.simulation
+        cut = world.cut(plane_x(0.0013))
+        assert cut.success, cut.message
+        assert cut.report.components == parts_of(simulation.mesh) == 2
+        assert cut.report.sweep_distance_max < 1e-9
+        sheet = simulation.mesh.sheet
+        assert sheet is not None
+        assert len(sheet.walls) > 0
+        assert world.cut(plane_x(-0.006), method="remove").error_code == Cut.Response.REFUSED
+        # The edit as it was published is what the service follows, and the next cut fits.
+        second = world.cut(plane_x(-0.006))
+        assert second.success, second.message
+        assert second.report.components == parts_of(simulation.mesh) == 3
