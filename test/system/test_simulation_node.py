@@ -361,7 +361,8 @@ def test_undo_and_redo_are_answered_and_the_journal_repeats_them(tmp_path: Path)
             edit.author = "alice"
             assert peer.call(ApplyEdit, "tissue/apply_edit", edit=edit).success
             undone = peer.call(Undo, "tissue/undo", author="bob", request_id="once")
-            assert undone.success and undone.version == 3
+            assert undone.success
+            assert undone.version == 3
             assert (undone.reverted_kind, undone.reverted_author) == ("split", "alice")
             assert undone.reverted_request_id == "split"
             assert (undone.can_undo, undone.can_redo) == (0, 1)
@@ -370,7 +371,8 @@ def test_undo_and_redo_are_answered_and_the_journal_repeats_them(tmp_path: Path)
             said = command_line("redo")
             assert "redo of the split by alice (split): version 4; 1 more to undo" in said.stdout
             said = command_line("redo")
-            assert said.returncode == 1 and "no undone edit to redo" in said.stderr
+            assert said.returncode == 1
+            assert "no undone edit to redo" in said.stderr
             assert peer.call(Undo, "tissue/undo").version == 5
             peer.first("tissue/state", lambda state: state.version == 5)
             assert process.interrupt() == 0
@@ -381,7 +383,9 @@ def test_undo_and_redo_are_answered_and_the_journal_repeats_them(tmp_path: Path)
         fresh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
         for message in peer.heard["tissue/edits"]:
             mesh.apply(conversions.edit_from_msg(message))
-        np.testing.assert_array_equal(mesh.tets[: mesh.element_rows], fresh.tets[: mesh.element_rows])
+        np.testing.assert_array_equal(
+            mesh.tets[: mesh.element_rows], fresh.tets[: mesh.element_rows]
+        )
         entries = [conversions.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
         result = replay(entries, fresh)
         assert result.mismatches == ()

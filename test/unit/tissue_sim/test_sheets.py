@@ -28,9 +28,9 @@ from tissue_sim.geometry.scene_geometry import load, suggest_interaction
 from tissue_sim.geometry.sheet import CONNECTING, Sheet, SheetStiffness, edge_keys, sides
 from tissue_sim.geometry.sheet_geometry import CONNECTED, SURFACE, SheetSettings, with_sheet
 from tissue_sim.geometry.surface import surface_triangles, vertex_normals
+from tissue_sim.live import mesh_for_keyframe
 from tissue_sim.simulation_parameters import sheet_settings
 from tool_input.procedure import parse_procedure
-from tissue_sim.live import mesh_for_keyframe
 from viz_bridge.organ_surface import surface_of
 
 

@@ -29,7 +29,7 @@ def advance(
     steps: int = 4,
     pull: float | None = None,
 ) -> Frame:
-    tools = ()
+    tools: tuple[ToolSample, ...] = ()
     if pull is not None:
         tools = (ToolSample("grasper", pose_of(np.add(CORNER, [0, pull, 0]))),)
     return simulation.advance(FrameInputs(commands, edits, tools), Budget(steps=steps))
@@ -104,7 +104,8 @@ def test_undo_names_whose_edit_it_was_and_refuses_politely() -> None:
         assert word in answer.message
     cut_some(simulation)
     answer = ask(simulation, "undo", author="bob")
-    assert answer.success and answer.message == "undo of the split by alice (cut-0.015): version 4"
+    assert answer.success
+    assert answer.message == "undo of the split by alice (cut-0.015): version 4"
     assert answer.values["reverted_author"] == "alice"
     assert (answer.values["can_undo"], answer.values["can_redo"]) == (1, 1)
     # Another edit makes an end of what was undone.
@@ -118,13 +119,13 @@ def test_only_the_history_brings_things_back() -> None:
     cut_some(simulation)
     edit = simulation.history.undo(simulation.mesh)
     answer = advance(simulation, edits=(edit,)).answers[0]
-    assert answer.error == "INVALID" and "undo and redo only" in answer.message
+    assert answer.error == "INVALID"
+    assert "undo and redo only" in answer.message
     assert simulation.mesh.version == 3
+    nobody = np.empty((0, 4), dtype=np.uint32)
+    half = replace(edit, rewritten_elements=nobody[:, 0], rewritten_nodes=nobody)
     with pytest.raises(ValueError, match="still belong to an element"):
-        nobody = np.empty((0, 4), dtype=np.uint32)
-        simulation.mesh.check(
-            replace(edit, rewritten_elements=nobody[:, 0], rewritten_nodes=nobody)
-        )
+        simulation.mesh.check(half)
 
 
 def test_merged_nodes_take_the_mean_of_their_copies() -> None:
@@ -186,7 +187,8 @@ def test_a_replica_follows_undo_and_redo() -> None:
         frame = advance(simulation, Command(kind))
         follow(frame, with_state=False)
         shape = replica.shape_at()
-        assert shape is not None and replica.mesh is not None
+        assert shape is not None
+        assert replica.mesh is not None
         alive = simulation.mesh.node_alive[: simulation.mesh.node_rows]
         np.testing.assert_allclose(shape.positions[alive], frame.positions[alive], atol=1e-7)
         same(replica.mesh, simulation.mesh)
@@ -235,7 +237,8 @@ def test_a_replay_of_a_session_with_undo_is_bit_exact(seed: int) -> None:
         for command, answer in zip(commands, frame.answers, strict=False):
             if command.kind in done:
                 done[command.kind] += answer.success
-    assert min(done.values()) >= 1 and done["undo"] >= 3
+    assert min(done.values()) >= 1
+    assert done["undo"] >= 3
     result = replay([through_json(entry) for entry in entries], block_mesh())
     assert result.mismatches == ()
     np.testing.assert_array_equal(result.simulation.state.previous, simulation.state.previous)

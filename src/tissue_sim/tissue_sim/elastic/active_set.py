@@ -198,7 +198,7 @@ class ActiveSet:
         return largest_force(self.springs, nodes, 0, end, state)
 
     def follow(self, change: EditChange, state: State) -> None:
-        """Follow an edit: copies join their parents, what vanished is let go, what is near lingers."""
+        """Follow an edit: copies join parents, what vanished is let go, what is near lingers."""
         self._match_capacity()
         self._forget_moves()
         if self.lingering.homing is not None:

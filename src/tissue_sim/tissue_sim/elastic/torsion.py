@@ -70,9 +70,7 @@ class TorsionSprings:
         rows = self._mesh.sheet_rows
         return elements if rows is None else elements[rows.carries(elements)]
 
-    def _measured(
-        self, triangles: Rows
-    ) -> tuple[Rows, NDArray[np.float64], NDArray[np.float64]]:
+    def _measured(self, triangles: Rows) -> tuple[Rows, NDArray[np.float64], NDArray[np.float64]]:
         """Nodes, stiffness, and twice the areas at each side of the springs among triangles."""
         mesh, rest = self._mesh, self._mesh.rest
         nodes, pair = hinges_and_triangles(mesh.tets[triangles, :3])
@@ -138,7 +136,9 @@ class TorsionSprings:
 
         Those that are the same keep their rows, others get free ones.
         """
-        keys = {tuple(quad): int(row) for row, quad in zip(old, self.nodes[old].tolist(), strict=True)}
+        keys = {
+            tuple(quad): int(row) for row, quad in zip(old, self.nodes[old].tolist(), strict=True)
+        }
         kept = np.array([keys.pop(tuple(quad), -1) for quad in nodes.tolist()], dtype=np.int32)
         gone = np.array(sorted(keys.values()), dtype=np.int32)
         new = np.flatnonzero(kept < 0)

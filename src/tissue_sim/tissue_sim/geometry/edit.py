@@ -48,9 +48,9 @@ class TopologyEdit:
         base_frame: State frame it was planned on.
         read_nodes: Ids of nodes the plan depends on, shape (n,).
         read_elements: Ids of elements the plan depends on, shape (n,).
-        moved_nodes: Ids of nodes whose rest position moves, shape (m,). A node of `copied_nodes` may
-            be among them: it is then put to the place given, on an edge of the tissue for example,
-            and only the rest of it (whether it is fixed, say) comes from its parent.
+        moved_nodes: Ids of nodes whose rest position moves, shape (m,). A node of `copied_nodes`
+            may be among them: it is then put to the place given, on an edge of the tissue for
+            example, and only the rest of it (whether it is fixed, say) comes from its parent.
         moved_rest: Their new rest positions [m], shape (m, 3).
         moved_anchors: Ids of the nodes of the element that contains each new place, shape (m, 4).
         moved_weights: Barycentric weights, shape (m, 4): the new current (and previous) position is
@@ -151,8 +151,8 @@ class EditChange:
 
     Attributes:
         edit: The edit with permanent ids and its version.
-        moved_nodes: Rows of nodes whose rest position moved, new nodes that do not start where their
-            parents are included, shape (m,).
+        moved_nodes: Rows of nodes whose rest position moved, new nodes that do not start where
+            their parents are included, shape (m,).
         moved_anchors: Rows of the anchors of each moved node, shape (m, 4).
         moved_weights: Barycentric weights, shape (m, 4).
         old_moved_rest: Rest positions before the edit [m], those of the parents for new nodes,

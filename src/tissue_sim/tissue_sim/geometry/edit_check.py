@@ -129,9 +129,7 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     _refuse_half_merged(mesh, merged, into, elements, named)
     neighbours = mesh.incident.of_all(np.concatenate([shifted, into]))
     around = mesh.tets[neighbours[~among(neighbours, elements)]]
-    _refuse_flat(
-        mesh, moved, edit.moved_rest, nodes.rows, parents, np.concatenate([around, named])
-    )
+    _refuse_flat(mesh, moved, edit.moved_rest, nodes.rows, parents, np.concatenate([around, named]))
     touched = np.concatenate([old.ravel(), new.ravel(), around.ravel(), moved])
     applied = replace(
         edit,
@@ -171,9 +169,10 @@ def _returning(ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_], wha
     if not there.all():
         bad = wide[~there][:5].tolist()
         raise EditError(f"the edit brings back a {what} that has not vanished: id {bad}")
-    if len(sorted_unique(wide)) != len(wide):
+    found = wide.astype(np.int32)
+    if len(sorted_unique(found)) != len(found):
         raise EditError(f"the edit brings back a {what} twice")
-    return wide.astype(np.int32)
+    return found
 
 
 class _Names:
@@ -202,7 +201,7 @@ class _Names:
             )
         self.rows = np.arange(first, first + len(offset), dtype=np.int32)
 
-    def permanent(self, ids: NDArray[np.uint32]) -> NDArray[np.int64]:
+    def permanent(self, ids: NDArray[np.integer]) -> NDArray[np.int64]:
         wide = np.asarray(ids, dtype=np.int64)
         return np.where(wide >= PROVISIONAL, wide - PROVISIONAL + self.first, wide)
 

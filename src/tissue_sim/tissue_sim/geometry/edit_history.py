@@ -69,12 +69,10 @@ class EditHistory:
             self.done.append(replace(step, made=edit.version))
         else:
             nobody = np.empty(0, dtype=np.uint32)
+            kept = replace(edit, read_nodes=nobody, read_elements=nobody)
+            old_nodes = change.old_elements[: len(edit.rewritten_elements)]
             self.done.append(
-                Step(
-                    replace(edit, read_nodes=nobody, read_elements=nobody), edit.version, 0,
-                    change.old_moved_rest, change.old_elements[: len(edit.rewritten_elements)],
-                    change.vanished_nodes,
-                )  # fmt: skip
+                Step(kept, edit.version, 0, change.old_moved_rest, old_nodes, change.vanished_nodes)
             )
             self.undone.clear()
 
@@ -186,7 +184,10 @@ def _anchors_of(
     place_of = np.full(len(rest), -1, dtype=np.int32)
     place_of[moved] = np.arange(len(moved), dtype=np.int32)
     # Without an element the node keeps its current place.
-    anchors, weights = np.repeat(moved[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(moved), 1))
+    anchors, weights = (
+        np.repeat(moved[:, None], 4, axis=1),
+        np.tile([1.0, 0, 0, 0], (len(moved), 1)),
+    )
     find_anchors(rest, tets, place_of, targets, anchors, weights)
     return anchors, weights
 

@@ -152,7 +152,7 @@ class Mesh:
         """Rows the element arrays have room for."""
         return len(self.tets)
 
-    def node_rows_of(self, ids: NDArray[np.uint32]) -> NDArray[np.int32]:
+    def node_rows_of(self, ids: NDArray[np.integer]) -> NDArray[np.int32]:
         """Rows of nodes by permanent id, same shape as `ids`; -1 where no living node has it."""
         return self._rows_of(ids, self.node_rows, self.node_alive)
 
@@ -161,7 +161,7 @@ class Mesh:
         return self._rows_of(ids, self.element_rows, self.element_alive)
 
     @staticmethod
-    def _rows_of(ids: NDArray[np.uint32], rows: int, alive: NDArray[np.bool_]) -> NDArray[np.int32]:
+    def _rows_of(ids: NDArray[np.integer], rows: int, alive: NDArray[np.bool_]) -> NDArray[np.int32]:
         # Within a session the id of a row is the row itself: rows never move and only grow
         # (compaction starts a new epoch). All look-ups go through here: this stays one decision.
         candidates = np.ascontiguousarray(ids)
