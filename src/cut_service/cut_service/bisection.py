@@ -82,7 +82,9 @@ def _edges_of(
 
 
 @njit(cache=True, nogil=True)
-def _side_of(links: Links, row: int, mask: int, child: NDArray[np.int32], on: NDArray[np.bool_]) -> int:
+def _side_of(
+    links: Links, row: int, mask: int, child: NDArray[np.int32], on: NDArray[np.bool_]
+) -> int:
     for corner in range(4):
         node = links.tets[row, corner]
         if on[node]:

@@ -66,9 +66,7 @@ def _snapped(work: Work, ungluing: Ungluing) -> tuple[Snapping, float]:
     )  # fmt: skip
 
 
-def _edit(
-    work: Work, selection: Selection, ungluing: Ungluing, snapping: Snapping
-) -> TopologyEdit:
+def _edit(work: Work, selection: Selection, ungluing: Ungluing, snapping: Snapping) -> TopologyEdit:
     mesh, ids = work.mesh, work.mesh.node_ids
     copies = np.arange(len(ungluing.parents), dtype=np.uint32)
     is_copy = ungluing.nodes >= ungluing.first_copy

@@ -169,9 +169,7 @@ def _surface(
     return cut, faces, nodes
 
 
-def _snapped(
-    work: Work, nodes: NDArray[np.int32], volume: float
-) -> tuple[Snapping, float]:
+def _snapped(work: Work, nodes: NDArray[np.int32], volume: float) -> tuple[Snapping, float]:
     nodes = np.unique(nodes[nodes < work.mesh.node_rows])
     nodes = nodes[~work.still[nodes]] if work.settings.snap else nodes[:0]
     return snap(

@@ -78,6 +78,7 @@ def _turns_left(p: Reals, q: Reals, a: Reals, b: Reals, forward: bool) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def line_inside(p: Reals, q: Reals, vertices: Reals, triangle: Rows) -> bool:
+    """Whether the line through two points passes through a triangle of a sweep."""
     first = False
     for side in range(3):
         i, j = triangle[side], triangle[(side + 1) % 3]

@@ -19,6 +19,7 @@ from support.cut_scenes import SIDE, bent, heart, middle, new, quality, raw_orga
 from support.valid_mesh import check_valid
 from tissue_sim.elastic.model import State
 from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 
 ORGANS = ("block", "shaken", "wall", "shell")
@@ -53,7 +54,8 @@ class Organ:
         try:
             planned = plan(self.mesh, self.places, sweep, method, settings=how)
         except CutError as error:
-            assert error.code == CutCode.MISSED
+            if error.code != CutCode.MISSED:
+                raise
             return None
         before, report = self.shape, planned.report
         self.state.follow(self.mesh, self.mesh.apply(planned.edit))
@@ -85,26 +87,26 @@ def cut_many(seed: int, name: str, methods: tuple[str, ...], cuts: int) -> Organ
     return organ
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
 def test_dividing_again_and_again_leaves_a_valid_mesh(seed: int, name: str) -> None:
     cut_many(seed, name, ("subdivide",), 5)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
 def test_removing_leaves_a_valid_mesh_as_good_as_it_was(seed: int, name: str) -> None:
     organ = cut_many(seed, name, ("remove",), 3)
     assert quality(organ.mesh).min() >= quality(new(name)).min()
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
 def test_cuts_of_any_kind_across_others_leave_a_valid_mesh(seed: int, name: str) -> None:
     cut_many(seed, name, METHODS, 6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
 def test_a_plane_right_through_leaves_nothing_on_both_of_its_sides(seed: int, name: str) -> None:
     random = np.random.default_rng(seed)
@@ -167,7 +169,7 @@ def test_the_cut_lies_on_the_sweep_but_for_old_nodes_close_to_it() -> None:
 def test_a_partial_cut_keeps_a_rim_and_covers_the_sweep() -> None:
     organ = Organ(new("shaken"))
     before, element = organ.shape, SIDE / 6
-    centre = middle(organ.mesh) + [0.4 * element, 0, 0]
+    centre = middle(organ.mesh) + np.array([0.4 * element, 0, 0])
     centre[2] = rest(organ.mesh)[:, 2].max()
     sweep = square(centre, np.eye(3)[0], 0.6 * SIDE, 0.0)
     planned = organ.cut(sweep, "subdivide")
@@ -177,7 +179,8 @@ def test_a_partial_cut_keeps_a_rim_and_covers_the_sweep() -> None:
     assert grown > 2 * planned.report.faces_split  # some triangles of the surface are divided
     # The sweep in the tissue is covered but for an element's width along its own border.
     lips = Sweep.from_arrays(planned.lips, np.arange(3 * len(planned.lips)))
-    first, across, along = sweep.vertices[0], *(sweep.vertices[k] - sweep.vertices[0] for k in (1, 3))
+    first = sweep.vertices[0]
+    across, along = sweep.vertices[1] - first, sweep.vertices[3] - first
     grid = np.linspace(0, 1, 41)[1:-1]
     u, v = (share.reshape(-1, 1) for share in np.meshgrid(grid, grid))
     samples = first + u * across + v * along
@@ -261,7 +264,8 @@ def test_removing_reports_what_is_lost_and_refuses_to_remove_everything() -> Non
     assert planned.report.volume_change == pytest.approx(organ.shape.volume - before, rel=1e-9)
     assert planned.report.elements_removed == len(planned.edit.removed_elements)
     lower, upper = rest(organ.mesh).min(axis=0), rest(organ.mesh).max(axis=0)
-    corners, triangles = [], []
+    corners: list[list[float]] = []
+    triangles: list[list[int]] = []
     for z in np.linspace(lower[2], upper[2], 25):
         k = len(corners)
         corners += [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
@@ -289,6 +293,42 @@ def test_a_sweep_along_the_surface_or_inside_one_element_divides_nothing() -> No
         with pytest.raises(CutError) as caught:
             plan(mesh, rest(mesh), sweep, "subdivide")
         assert caught.value.code == CutCode.MISSED
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
+def test_cuts_of_any_kind_can_be_undone_and_made_again(seed: int, name: str) -> None:
+    random = np.random.default_rng(seed)
+    mesh, history = new(name), EditHistory()
+    size = np.ptp(rest(mesh), axis=0).max()
+    seen = [remembered(mesh)]
+    for _ in range(4):
+        living = np.flatnonzero(mesh.node_alive[: mesh.node_rows])
+        centre = rest(mesh)[random.choice(living)]
+        sweep = square(centre, random.normal(size=3), random.choice([0.2, 0.5]) * size)
+        try:
+            planned = plan(mesh, rest(mesh), sweep, METHODS[random.integers(len(METHODS))])
+        except CutError:
+            continue
+        history.record(mesh.apply(planned.edit))
+        seen.append(remembered(mesh))
+    for wanted in seen[-2::-1]:
+        history.record(mesh.apply(history.undo(mesh)))
+        assert remembered(mesh) == wanted
+    check_valid(mesh)
+    for wanted in seen[1:]:
+        history.record(mesh.apply(history.redo(mesh)))
+        assert remembered(mesh) == wanted
+    check_valid(mesh)
+
+
+def remembered(mesh: Mesh) -> list[bytes]:
+    """All that lives in a mesh, bit for bit."""
+    nodes = np.flatnonzero(mesh.node_alive)
+    elements = np.flatnonzero(mesh.element_alive)
+    arrays = [nodes, mesh.rest[nodes], mesh.fixed[nodes], elements, mesh.tets[elements]]
+    arrays += [mesh.incident.of(int(node)) for node in nodes[::7]]
+    return [array.tobytes() for array in arrays]
 
 
 def test_every_way_to_part_four_corners_is_known() -> None:

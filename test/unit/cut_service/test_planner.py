@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
 from cut_service.planner import Plan, Settings, plan
