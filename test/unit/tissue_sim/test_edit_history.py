@@ -18,6 +18,7 @@ from support.sheets import connected
 from support.valid_mesh import check_valid
 from tissue_sim.elastic.model import State
 from tissue_sim.elastic.springs import SpringNetwork
+from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.edit_history import EditHistory, NoEditError
 from tissue_sim.geometry.mesh import Mesh
@@ -171,3 +172,36 @@ def part_of(springs: SpringNetwork, field: str, node: int) -> NDArray:
     lists = springs._lists
     begin = int(lists.start[node])
     return getattr(lists, field)[begin : begin + int(lists.degree[node])]
+
+
+def test_rows_of_the_stiffness_matrix_are_as_before_bit_for_bit() -> None:
+    mesh, history = organ("shaken"), EditHistory()
+    springs = SpringNetwork(mesh, MATERIAL)
+    stiffness, fresh = Stiffness(springs), Stiffness(SpringNetwork(organ("shaken"), MATERIAL))
+    nodes, cuts = mesh.node_rows, 0
+
+    def apply(edit: TopologyEdit) -> None:
+        change = mesh.apply(edit)
+        history.record(change)
+        springs.follow(change)
+        stiffness.follow(change)
+
+    for seed in range(12):
+        edit = random_cut(mesh, cut_scenes.rest(mesh), seed)
+        if edit is not None:
+            apply(edit)
+            cuts += 1
+    assert cuts > 3
+    assert not np.array_equal(stiffness.inverse[:nodes], fresh.inverse[:nodes])
+    for step in (history.undo, history.redo, history.undo):
+        for _ in range(cuts):
+            apply(step(mesh))
+    np.testing.assert_array_equal(stiffness.inverse[:nodes], fresh.inverse[:nodes])
+    for node in range(nodes):
+        np.testing.assert_array_equal(blocks_of(stiffness, node), blocks_of(fresh, node))
+
+
+def blocks_of(stiffness: Stiffness, node: int) -> NDArray:
+    rows = stiffness.rows
+    begin = int(rows.start[node])
+    return rows.blocks[begin : begin + int(rows.degree[node])]
