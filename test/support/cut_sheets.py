@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,9 +19,7 @@ def square(
 ) -> Sweep:
     """A parallelogram about a centre, half of its sides given."""
     corners = [centre - first - second, centre + first - second, centre + first + second]
-    return Sweep.from_arrays(
-        np.array([*corners, centre - first + second]), [[0, 1, 2], [0, 2, 3]]
-    )
+    return Sweep.from_arrays(np.array([*corners, centre - first + second]), [[0, 1, 2], [0, 2, 3]])
 
 
 def plane_x(x: float, half: float = 0.1) -> Sweep:
@@ -78,7 +78,7 @@ def _assert_whole_fans(triangles: NDArray[np.int32]) -> None:
     ends = np.concatenate([ends for ends, _, _ in joined])
     order = np.argsort(keys, kind="stable")
     pairs = []
-    for one, other in zip(order[:-1], order[1:], strict=True):
+    for one, other in pairwise(order):
         if keys[one] == keys[other]:
             for place in (0, 1):
                 match = int(np.flatnonzero(ends[other] == ends[one][place])[0])

@@ -135,9 +135,7 @@ def world(ros_domain: int, tmp_path: Path) -> Iterator[World]:
 
 
 @contextmanager
-def new_world(
-    domain: int, folder: Path, make: Callable[[], Mesh] = organ
-) -> Iterator[World]:
+def new_world(domain: int, folder: Path, make: Callable[[], Mesh] = organ) -> Iterator[World]:
     def factory(context: Context) -> FakeSimulation:
         return FakeSimulation(make(), context)
 

@@ -51,9 +51,7 @@ def _bridged(points: Reals, ring: Ring, hole: Ring) -> Ring:
     """The ring with a hole joined to it by a line there and back that crosses neither."""
     pairs = points[ring][:, None] - points[hole][None]
     order = np.argsort((pairs**2).sum(axis=2), axis=None)
-    walls = np.concatenate(
-        [np.stack([r, np.roll(r, -1)], axis=1) for r in (ring, hole)]
-    )
+    walls = np.concatenate([np.stack([r, np.roll(r, -1)], axis=1) for r in (ring, hole)])
     for flat in order[: 4 * len(hole)]:
         i, j = divmod(int(flat), len(hole))
         if not _crosses(points, int(ring[i]), int(hole[j]), walls):

@@ -28,7 +28,6 @@ from cut_service.sweep import Sweep
 from cut_service.work import Plan, Report, Work, distance_of, missed, too_shallow
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
-from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sheet import CONNECTING, edge_keys, sides, triangle_areas
 from tissue_sim.geometry.sheet_edit import NO_NODE
 from tissue_sim.geometry.sheet_rows import WALL, SheetRows
@@ -201,7 +200,12 @@ def _snapped(work: SheetWork, crossing: Crossing, lips: Lips) -> SheetSnapping:
     nodes = np.unique(lips.edges)
     nodes = nodes[~work.still[nodes]] if work.settings.snap else nodes[:0]
     return snap(
-        work.mesh, work.positions, crossing, nodes, work.sweep, work.settings.quality_floor,
+        work.mesh,
+        work.positions,
+        crossing,
+        nodes,
+        work.sweep,
+        work.settings.quality_floor,
         float(np.cos(work.settings.crease_angle)),
     )
 
@@ -263,9 +267,7 @@ def _is_area(corners: Reals) -> NDArray[np.bool_]:
     return np.asarray(triangle_areas(corners.reshape(-1, 3), one) > FLAT * longest**2)
 
 
-def _with_area(
-    work: SheetWork, parting: Parting, snapping: SheetSnapping, triangles: Rows
-) -> Rows:
+def _with_area(work: SheetWork, parting: Parting, snapping: SheetSnapping, triangles: Rows) -> Rows:
     rest = snapping.moved(work.mesh.rest[: work.mesh.node_rows])
     rest = np.concatenate([rest, rest[parting.parents]])
     return triangles[_is_area(rest[triangles])]
@@ -331,9 +333,9 @@ def _edit(
     ]  # fmt: skip
     removed = np.array([*springs.removed, *lost], dtype=np.int32)
     pairs = np.array([pair for pair, _ in springs.added], dtype=np.int64)
-    parents = [row for _, row in springs.added] + [int(through[0])] * len(walls) if len(
-        through
-    ) else []
+    parents = (
+        [row for _, row in springs.added] + [int(through[0])] * len(walls) if len(through) else []
+    )
     split = np.array(sorted(parting.fans), dtype=np.int32)
     path = np.unique(np.concatenate([keys >> 32, keys & 0xFFFFFFFF])).astype(np.int32)
     read = np.union1d(mesh.incident.of_all(path), [*springs.removed, *rewritten, *lost, *parents])

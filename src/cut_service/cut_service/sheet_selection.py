@@ -83,9 +83,7 @@ def near(positions: NDArray[np.float64], items: Rows, sweep: Sweep) -> NDArray[n
     """Which items have boxes that meet that of the sweep, shape (len(items),)."""
     lower, upper = sweep.box
     places = positions[items]
-    return np.asarray(
-        ((places.max(axis=1) >= lower) & (places.min(axis=1) <= upper)).all(axis=1)
-    )
+    return np.asarray(((places.max(axis=1) >= lower) & (places.min(axis=1) <= upper)).all(axis=1))
 
 
 def cross(mesh: Mesh, positions: NDArray[np.float64], solid: Rows, sweep: Sweep) -> Crossing:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ ENOUGH = 3
 """Springs through the tissue that keep a node in its place."""
 
 RINGS = 2
-"""How far from a node those are, in edges, whose springs tell what lies across the tissue from it."""
+"""Edges to those neighbours of a node whose springs tell what lies across the tissue from it."""
 
 
 @dataclass
@@ -110,7 +111,9 @@ class _Cutter:
         assert mesh.sheet_rows is not None
         self.kinds = mesh.sheet_rows.kinds
         self.cut = SpringCut()
-        self.own = {copy: int(node) for copy, node in enumerate(parting.parents, parting.first_copy)}
+        self.own = {
+            copy: int(node) for copy, node in enumerate(parting.parents, parting.first_copy)
+        }
         self._new: set[Pair] = set()
         self._known: dict[int, list[int]] = {}
         self._seen_rows: set[int] = set()
@@ -166,7 +169,7 @@ class _Cutter:
                     pairs.append((one, other))
                     of.append(place)
         crossed, length = self._seen(pairs)
-        best = np.lexsort((length, crossed, of))
+        best = np.lexsort((length, crossed, np.array(of)))
         _, first = np.unique(np.array(of)[best], return_index=True)
         chosen = best[first]
         free = [bool(self.tips & {self.own.get(n, n) for n in pairs[k]}) for k in chosen]
@@ -187,8 +190,9 @@ class _Cutter:
         self._grant(wishes, kept, children)
         count: dict[int, int] = {}
         pairs = [pair for row, pair in kept.items() if self.kinds[row] == CONNECTING]
-        for node in (n for pair in [*pairs, *sum(children.values(), [])] for n in pair):
-            count[node] = count.get(node, 0) + 1
+        for some in (pairs, *children.values()):
+            for node in chain.from_iterable(some):
+                count[node] = count.get(node, 0) + 1
         needy = []
         for node, versions in self.parting.fans.items():
             around = self.mesh.incident.of(node)
@@ -221,7 +225,7 @@ class _Cutter:
             return 0
         crossed, length = self._seen(pairs)
         granted: set[int] = set()
-        for k in np.lexsort((length, of)).tolist():
+        for k in np.lexsort((length, np.array(of))).tolist():
             pair = pairs[k]
             if of[k] in granted or crossed[k] or self._joined(pair, children):
                 continue

@@ -89,7 +89,7 @@ def _node_sweep(springs: SpringNetwork, nodes: NDArray[np.uint32]) -> Work:
     plain = Work(12 * ends + 49 * len(nodes), ends, len(nodes), ends)
     if springs.torsion is None:
         return plain
-    seen = int(springs.torsion.arrays.count[nodes].sum())
+    seen = int(springs.torsion.arrays.degree[nodes].sum())
     moved = plain.moved + 12 * seen + 4 * len(nodes)
     return Work(moved, ends + seen, len(nodes), ends, 150 * seen)
 

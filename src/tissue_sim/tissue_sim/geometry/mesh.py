@@ -58,7 +58,8 @@ class Mesh:
             fixed: Nodes that never move, shape (node_count,); default none.
             spare: Share of spare rows.
         """
-        nodes, items = len(raw.points), raw.tetrahedra
+        nodes = len(raw.points)
+        items: NDArray[np.integer] = raw.tetrahedra
         self.sheet_rows: SheetRows | None = None
         if raw.sheet is not None:
             self.sheet_rows, items = SheetRows.of(raw.sheet)
@@ -161,7 +162,9 @@ class Mesh:
         return self._rows_of(ids, self.element_rows, self.element_alive)
 
     @staticmethod
-    def _rows_of(ids: NDArray[np.integer], rows: int, alive: NDArray[np.bool_]) -> NDArray[np.int32]:
+    def _rows_of(
+        ids: NDArray[np.integer], rows: int, alive: NDArray[np.bool_]
+    ) -> NDArray[np.int32]:
         # Within a session the id of a row is the row itself: rows never move and only grow
         # (compaction starts a new epoch). All look-ups go through here: this stays one decision.
         candidates = np.ascontiguousarray(ids)

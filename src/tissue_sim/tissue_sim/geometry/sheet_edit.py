@@ -21,9 +21,7 @@ NO_NODE = 0xFFFFFFFF
 Rows = NDArray[np.int32]
 
 
-def item_nodes(
-    ids: NDArray[np.uint32], known: Callable[[NDArray[np.integer]], Rows]
-) -> Rows:
+def item_nodes(ids: NDArray[np.uint32], known: Callable[[NDArray[np.integer]], Rows]) -> Rows:
     """Node rows of the triangles and springs of an edit, -1 for none, shape (n, 4).
 
     Args:

@@ -43,7 +43,7 @@ class SheetRows:
 
     @classmethod
     def of(cls, sheet: Sheet) -> tuple[SheetRows, NDArray[np.int32]]:
-        """The rows of a sheet: triangles, then springs, then walls; and their nodes, shape (n, 4)."""
+        """Rows of triangles, then of springs, then of walls; and their nodes, shape (n, 4)."""
         parts = (sheet.triangles, sheet.springs, sheet.walls)
         items = np.full((sum(map(len, parts)), 4), NO_ROW, dtype=np.int32)
         kinds, tissue = np.zeros(len(items), dtype=np.uint8), np.zeros(len(items))
@@ -119,9 +119,7 @@ class SheetRows:
         heavy = np.where(solid, stiff * (4.0 / 3.0), 0.0)
         return stiff * self._factors[kinds], heavy
 
-    def sheet(
-        self, version: int, items: NDArray[np.int32], alive: NDArray[np.bool_]
-    ) -> Sheet:
+    def sheet(self, version: int, items: NDArray[np.int32], alive: NDArray[np.bool_]) -> Sheet:
         """The sheet as it is at a version; made once for each that is asked for.
 
         Args:

@@ -43,7 +43,7 @@ class Hinges(NamedTuple):
 
     Attributes:
         start: Where a node's list begins in `entry`, shape (node_capacity,), int64.
-        count: Length of each list, shape (node_capacity,), int32.
+        degree: Length of each list, shape (node_capacity,), int32.
         entry: Rows of the torsion springs at each node, int32.
         nodes: a, b, c and d of each, int32, shape (h, 4); all 0 in a row without a spring, whose
             stiffness is 0.
@@ -54,7 +54,7 @@ class Hinges(NamedTuple):
     """
 
     start: NDArray[np.int64]
-    count: NDArray[np.int32]
+    degree: NDArray[np.int32]
     entry: NDArray[np.int32]
     nodes: NDArray[np.int32]
     stiffness: NDArray[np.floating]
@@ -130,7 +130,7 @@ def _turn(i, springs, hinges, u, tiny):  # type: ignore[no-untyped-def] # noqa: 
     """Force of the torsion springs on node i [N], and what they resist [N/m]."""
     rest = springs.rest
     F0 = F1 = F2 = K = tiny - tiny
-    for at in range(hinges.start[i], hinges.start[i] + hinges.count[i]):
+    for at in range(hinges.start[i], hinges.start[i] + hinges.degree[i]):
         row, place = hinges.entry[at], 0
         while hinges.nodes[row, place] != i:
             place += 1
