@@ -6,20 +6,23 @@ import time
 
 import numpy as np
 
-from cut_service.planner import METHODS, plan
+from cut_service.planner import METHODS, SHEET_METHOD, plan
 from cut_service.sweep import Sweep
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
+from tissue_sim.geometry.sheet_geometry import CONNECTED, SheetSettings, surface_of, with_sheet
 
 
 def warm_up() -> float:
-    """Plan and apply two cuts of a small block by every method, the second across the first.
+    """Plan and apply two crossing cuts of a small block by every method, and of its surface.
 
     Returns the seconds it took.
     """
     begin = time.perf_counter()
-    for method in METHODS:
-        mesh = Mesh(block(6, 5, 5))
+    tissue = block(6, 5, 5)
+    sheet = with_sheet(surface_of(tissue), SheetSettings(CONNECTED), [])
+    for raw, method in (*((tissue, method) for method in METHODS), (sheet, SHEET_METHOD)):
+        mesh = Mesh(raw)
         rest = mesh.rest[: mesh.node_rows]
         lower, upper = rest.min(axis=0), rest.max(axis=0)
         for axis in range(2):
