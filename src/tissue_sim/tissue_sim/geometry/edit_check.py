@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 NO_ROW = -1
 
-SHEETS_STAY_WHOLE = (
-    "tissue made of surfaces cannot be cut; allowed: geometry_kind volume, which is of tetrahedra"
-)
 Rows = NDArray[np.int32]
 
 
