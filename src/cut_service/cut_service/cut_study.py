@@ -110,14 +110,20 @@ def _lie_in(
             positions[tets[e, 1]] - origin, positions[tets[e, 2]] - origin,
             positions[tets[e, 3]] - origin,
         )  # fmt: skip
+        # Barycentric weights of a point p are its products with these.
         whole = np.dot(u, np.cross(v, w))
+        first, second, third = (
+            np.cross(v, w) / whole,
+            np.cross(w, u) / whole,
+            np.cross(u, v) / whole,
+        )
         for k in range(points.shape[0]):
             if inside[k]:
                 continue
-            p = points[k] - origin
-            a = np.dot(p, np.cross(v, w)) / whole
-            b = np.dot(u, np.cross(p, w)) / whole
-            c = np.dot(u, np.cross(v, p)) / whole
+            x, y, z = points[k, 0] - origin[0], points[k, 1] - origin[1], points[k, 2] - origin[2]
+            a = x * first[0] + y * first[1] + z * first[2]
+            b = x * second[0] + y * second[1] + z * second[2]
+            c = x * third[0] + y * third[1] + z * third[2]
             inside[k] = a >= 0.0 and b >= 0.0 and c >= 0.0 and a + b + c <= 1.0
 
 
@@ -242,11 +248,22 @@ def _mean(values: Sequence[float]) -> float:
     return float(statistics.fmean(values)) if values else 0.0
 
 
+def spot() -> CutRow:
+    """A few cuts of the wall, quickly made again to see whether the figures still are those."""
+    return measure("wall", "subdivide", 3, (0.01, 0.02))
+
+
 def run(geometry: str = "heart", cuts: int = CUTS, out: Path | None = None) -> dict[str, Any]:
     """Measure all variants, and the organ as it is; write the result if `out` says where."""
     warm_up()
-    rows = [asdict(measure(geometry, label, cuts)) for label in ("not cut", *VARIANTS)]
-    result = {"machine": machine(), "geometry": geometry, "cuts": cuts, "rows": rows}
+    rows = []
+    for label in ("not cut", *VARIANTS):
+        rows.append(asdict(measure(geometry, label, cuts)))
+        print(label, flush=True)
+    result = {
+        "machine": machine(), "geometry": geometry, "cuts": cuts, "rows": rows,
+        "spot": asdict(spot()),
+    }  # fmt: skip
     if out is not None:
         out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return result

@@ -60,8 +60,8 @@ def plan(
 
     Raises:
         SweepError: The sweep is enormous beside the organ.
-        CutError: Unknown method, one that cannot cut triangles, positions that do not fit or are not
-            finite, or a sweep that cuts nothing, or that would leave nothing.
+        CutError: Unknown method, one that cannot cut triangles, positions that do not fit or are
+            not finite, or a sweep that cuts nothing, or that would leave nothing.
     """
     begin = time.perf_counter()
     if method not in _PLANNERS:
