@@ -116,6 +116,8 @@ class _Cutter:
         }
         self._new: set[Pair] = set()
         self._known: dict[int, list[int]] = {}
+        self._rings: dict[int, set[int]] = {}
+        self._opposite: dict[int, set[int]] = {}
         self._seen_rows: set[int] = set()
         self._corners = dict(zip(parting.rows.tolist(), parting.nodes.tolist(), strict=True))
 
@@ -249,33 +251,36 @@ class _Cutter:
 
     def _around(self, nodes: set[int]) -> set[int]:
         """Versions of nodes, and those that triangles join them to after the cut."""
-        found = set(nodes)
-        for node in nodes:
-            old = self.own.get(node, node)
-            if old in self.parting.fans:
-                fan = self.parting.fans[old][node]
+        return nodes.union(*(self._ring(node) for node in nodes))
+
+    def _ring(self, version: int) -> set[int]:
+        if version not in self._rings:
+            node = self.own.get(version, version)
+            if node in self.parting.fans:
+                rows = np.array(self.parting.fans[node][version], dtype=np.int32)
             else:
-                rows = self.mesh.incident.of(old)
-                fan = rows[self.kinds[rows] == SURFACE].tolist()
-            for row in fan:
-                found.update(self._corners[row] if row in self._corners else self._old(row))
-        return found
+                rows = self.mesh.incident.of(node)
+                rows = rows[self.kinds[rows] == SURFACE]
+            table = self.mesh.tets[rows, :3].tolist()
+            corners = (
+                self._corners.get(row, old) for row, old in zip(rows.tolist(), table, strict=True)
+            )
+            self._rings[version] = set(chain.from_iterable(corners))
+        return self._rings[version]
 
-    def _old(self, row: int) -> list[int]:
-        return [int(node) for node in self.mesh.tets[row, :3]]
-
-    def _partners(self, nodes: set[int], kept: dict[int, Pair]) -> set[int]:
-        """Versions of nodes that springs which stay join to some."""
-        found: set[int] = set()
-        for node in nodes:
-            rows = self.mesh.incident.of(self.own.get(node, node))
-            for row in rows[self.kinds[rows] == CONNECTING].tolist():
-                pair = kept.get(row)
-                if pair is None and row not in self._seen_rows:
-                    pair = (int(self.mesh.tets[row, 0]), int(self.mesh.tets[row, 1]))
-                if pair is not None and node in pair:
-                    found.add(pair[0] if pair[1] == node else pair[1])
-        return found
+    def _partners(self, version: int, kept: dict[int, Pair]) -> set[int]:
+        """Nodes that springs through the tissue which stay join to a version of a node."""
+        if version not in self._opposite:
+            rows = self.mesh.incident.of(self.own.get(version, version))
+            rows = rows[self.kinds[rows] == CONNECTING]
+            ends = self.mesh.tets[rows, :2].tolist()
+            found: set[int] = set()
+            for row, (p, q) in zip(rows.tolist(), ends, strict=True):
+                pair = kept.get(row, (-1, -1) if row in self._seen_rows else (p, q))
+                if version in pair:
+                    found.update(pair)
+            self._opposite[version] = found - {version}
+        return self._opposite[version]
 
     def _across(self, version: int, kept: dict[int, Pair]) -> list[int]:
         """Nodes across the tissue from a version of a node, about those of its neighbours."""
@@ -283,6 +288,6 @@ class _Cutter:
             near_by = {version}
             for _ in range(RINGS):
                 near_by = self._around(near_by)
-            far = self._around(self._partners(near_by, kept))
+            far = self._around(set().union(*(self._partners(node, kept) for node in near_by)))
             self._known[version] = sorted(far - near_by)
         return self._known[version]
