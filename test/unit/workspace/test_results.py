@@ -6,6 +6,8 @@ import json
 import statistics
 from pathlib import Path
 
+from cut_service import cut_study
+from cut_service.planner import METHODS
 from tissue_sim import (
     acceleration_study,
     bench,
@@ -203,3 +205,28 @@ def test_the_study_of_grabs_is_shown_as_it_came_out(repository: Path) -> None:
         if geometry == "heart" and motion == "moves" and event == "first grab":
             assert row["exact_after"] < 1.0
             assert row["error"] is not None
+
+
+def test_the_ways_of_cutting_are_shown_as_they_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/cuts.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/cutting.md").read_text(encoding="utf-8")
+    assert cut_study.as_markdown(result) in page
+    rows = {row["label"]: cut_study.CutRow(**row) for row in result["rows"]}
+    assert list(rows) == ["not cut", *cut_study.VARIANTS]
+    split, divided, removed = (rows[method] for method in METHODS)
+    whole = rows["not cut"]
+    # What the page says, and is: dividing is closest to the sweep, splitting keeps the elements.
+    assert divided.distance_mean < split.distance_mean < removed.distance_mean
+    assert split.distance_mean < 0.5 * rows["split, not snapped"].distance_mean
+    assert split.quality >= 0.0999
+    assert rows["split, not snapped"].quality == whole.quality <= removed.quality
+    assert split.elements == whole.elements < divided.elements
+    assert abs(split.volume) < 1e-3 * result["cuts"]
+    assert abs(divided.volume) < 1e-9 * result["cuts"]
+    assert abs(rows["split, not snapped"].volume) < 1e-12
+    # Spot check: figures depend on nothing but the code.
+    then, now = cut_study.CutRow(**result["spot"]), cut_study.spot()
+    for name in ("cuts", "missed", "faces", "nodes", "elements"):
+        assert getattr(now, name) == getattr(then, name)
+    for name in ("distance_mean", "covered", "quality"):
+        assert abs(getattr(now, name) - getattr(then, name)) < 1e-6
