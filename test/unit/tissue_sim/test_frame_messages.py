@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -12,6 +14,7 @@ from support.split_edit import split_at
 from tissue_sim import conversions
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit as PlannedEdit
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 
 EPOCH = bytes(range(16))
@@ -52,6 +55,23 @@ def test_a_keyframe_is_the_mesh_and_follows_later_edits() -> None:
     assert isinstance(message, TopologyEdit)
     replica.apply(conversions.edit_from_msg(message))
     assert_same(mesh, replica)
+
+
+def test_a_keyframe_taken_after_an_undo_follows_a_redo() -> None:
+    mesh, history = block_mesh(), EditHistory()
+    for edit in (split_at(mesh, 0.03, top=0.05), two_removed(mesh)):
+        history.record(mesh.apply(replace(edit, base_version=mesh.version)))
+    for _ in range(2):
+        history.record(mesh.apply(history.undo(mesh)))
+    replica = conversions.topology_to_mesh(keyframe(mesh))
+    for step in (history.redo, history.redo, history.undo):
+        change = mesh.apply(step(mesh))
+        history.record(change)
+        message = through_cdr(conversions.edit_to_msg(change.edit, EPOCH, "organ", STAMP))
+        again = conversions.edit_from_msg(message)
+        assert (again.kind, again.reverts) == (change.edit.kind, change.edit.reverts)
+        replica.apply(again)
+        assert_same(mesh, replica)
 
 
 def two_removed(mesh: Mesh) -> PlannedEdit:

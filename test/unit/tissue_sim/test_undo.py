@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import replace
 from functools import cache
@@ -10,8 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cut_service.errors import CutError
+from cut_service.planner import plan
+from support.cut_scenes import square
 from support.elastic_scenes import VARIANTS
-from support.small_block import CORNER, block_mesh, block_simulation, pose_of
+from support.sheets import connected
+from support.small_block import CORNER, block_mesh, block_simulation, pose_of, tool_at
 from support.split_edit import split_at
 from tissue_sim.elastic import registry
 from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, JournalEntry, ToolSample
@@ -19,6 +24,7 @@ from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.journal import replay
 from tissue_sim.replica import Replica
+from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
 
@@ -42,8 +48,8 @@ def ask(simulation: Simulation, kind: str, **arguments: object) -> Answer:
 def cut_some(simulation: Simulation, author: str = "alice") -> None:
     """Two splits that meet, with steps in between, so that the lips part."""
     for x, top in ((0.03, 0.05), (0.015, 0.04)):
-        plan = replace(split_at(simulation.mesh, x, top, f"cut-{x}"), author=author)
-        advance(simulation, edits=(plan,))
+        split = replace(split_at(simulation.mesh, x, top, f"cut-{x}"), author=author)
+        advance(simulation, edits=(split,))
         advance(simulation, steps=20)
 
 
@@ -91,6 +97,61 @@ def test_after_undo_every_model_goes_on_and_comes_to_the_same_rest(variant: str)
     now = simulation.state.displacement[:rows]
     assert np.isfinite(simulation.state.displacement).all()
     assert np.abs(now - rest_of(variant)).max() < 1e-3 * np.abs(now).max()
+
+
+def test_a_region_of_interest_follows_undo_and_redo() -> None:
+    region = {
+        "interest_radius": 0.046, "interest_x": 0.03, "interest_y": 0.06, "interest_z": 0.03
+    }  # fmt: skip
+    parameters = {"finite_element": region}
+    simulation, other = (
+        block_simulation(nodes=7, model="finite_element", parameters=parameters) for _ in range(2)
+    )
+    grab(simulation, 0.004)
+    grab(other, 0.004)
+    middle, along_x = np.array([0.031, 0.06, 0.031]), np.array([1.0, 0.0, 0.0])
+    positions = simulation.state.positions(simulation.mesh)
+    cut = plan(simulation.mesh, positions, square(middle, along_x, 0.02, 0.0)).edit
+    assert advance(simulation, edits=(cut,)).answers[0].success
+    for kind in ("undo", "redo", "undo", "redo", "undo"):
+        advance(simulation, steps=5)
+        assert ask(simulation, kind).success
+    settle(simulation)
+    settle(other)
+    rows = other.mesh.node_rows
+    now = simulation.state.displacement[:rows]
+    np.testing.assert_allclose(now, other.state.displacement[:rows], atol=2e-6)
+
+
+def test_cuts_of_connected_surfaces_are_undone_too() -> None:
+    tool = tool_at((0.0, 0.0, 0.02), size=(0.006,))
+    simulation, other = (
+        Simulation(connected(fixed=True), Scene(model="lr", tools=(tool,))) for _ in range(2)
+    )
+    for one in (simulation, other):
+        advance(one, Command("grab", {"tool": "grasper", "radius": 0.006}))
+        pose = ToolSample("grasper", pose_of([0.0, 0.003, 0.02]))
+        one.advance(FrameInputs(tools=(pose,)), Budget(steps=40))
+    cuts, random = 0, np.random.default_rng(3)
+    while cuts < 4:
+        positions = simulation.state.positions(simulation.mesh).astype(np.float64)
+        sweep = square(random.choice(positions), random.normal(size=3), 0.01)
+        with contextlib.suppress(CutError):
+            edit = plan(simulation.mesh, positions, sweep).edit
+            cuts += len(advance(simulation, edits=(edit,), steps=20).edits)
+    for kind in ("undo", "redo", "undo"):
+        for _ in range(cuts):
+            assert ask(simulation, kind).success
+    elements, rows = other.mesh.element_rows, other.mesh.node_rows
+    for name in ("tets", "element_alive"):
+        now, then = getattr(simulation.mesh, name), getattr(other.mesh, name)
+        np.testing.assert_array_equal(now[:elements], then[:elements])
+    # In the same shape tissue that was never cut has the same forces, bit for bit.
+    other.state.displacement[:rows] = simulation.state.displacement[:rows]
+    nodes = np.arange(rows, dtype=np.int32)
+    forces = simulation.model.forces(simulation.state, nodes)
+    np.testing.assert_array_equal(forces, other.model.forces(other.state, nodes))
+    assert np.abs(forces).max() > 1e-3
 
 
 def test_undo_names_whose_edit_it_was_and_refuses_politely() -> None:

@@ -36,6 +36,26 @@ def _weigh(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _weigh_flat(
+    rest: NDArray[np.float64],
+    tet: NDArray[np.int32],
+    place: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Barycentric weights of the foot of a place in a triangle; not finite in a flat one."""
+    uu = uv = vv = up = vp = 0.0
+    for axis in range(3):
+        u = rest[tet[1], axis] - rest[tet[0], axis]
+        v = rest[tet[2], axis] - rest[tet[0], axis]
+        p = place[axis] - rest[tet[0], axis]
+        uu, uv, vv, up, vp = uu + u * u, uv + u * v, vv + v * v, up + u * p, vp + v * p
+    area = uu * vv - uv * uv
+    out[1] = (vv * up - uv * vp) / area
+    out[2] = (uu * vp - uv * up) / area
+    out[0], out[3] = 1.0 - out[1] - out[2], 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_anchors(
     rest: NDArray[np.float64],
     tets: NDArray[np.int32],
@@ -48,23 +68,28 @@ def find_anchors(
 
     Args:
         rest: Rest positions [m], shape (n, 3).
-        tets: Node rows of elements, shape (e, 4).
+        tets: Node rows of elements, shape (e, 4); those of a sheet are -1 in some places.
         place_of: Place of each node in `targets`, -1 for none, shape (n,).
         targets: Places [m], shape (m, 3).
-        anchors: Nodes of the element found, shape (m, 4); kept where there is none, written.
+        anchors: Nodes of the element found, shape (m, 4); kept where there is none, written. A
+            triangle has no last one, whose weight is 0.
         weights: Weights of the place in it, shape (m, 4); kept where there is none, written.
     """
     best = np.full(len(targets), -FARTHEST)
     e, found = np.empty((4, 3)), np.empty(4)
     for tet in tets:
-        if tet[3] < 0:
-            continue  # A triangle or a spring of a sheet contains no place.
-        for corner in range(4):
+        corners = 4 if tet[3] >= 0 else 3
+        if tet[2] < 0:
+            continue  # A spring of a sheet contains no place.
+        for corner in range(corners):
             k = place_of[tet[corner]]
             if k < 0:
                 continue
-            _weigh(rest, tet, targets[k], e, found)
-            least, most = found.min(), found.max()
+            if corners == 4:
+                _weigh(rest, tet, targets[k], e, found)
+            else:
+                _weigh_flat(rest, tet, targets[k], found)
+            least, most = found[:corners].min(), found[:corners].max()
             if least > best[k] and most < FARTHEST:
                 best[k] = least
-                anchors[k], weights[k] = tet, found
+                anchors[k, :corners], weights[k] = tet[:corners], found
