@@ -215,7 +215,7 @@ def test_in_tissue_deformed_evenly_nodes_go_back_to_where_they_were(name: str) -
     state.displacement[: mesh.node_rows] = mesh.rest[: mesh.node_rows] @ stretch
     before = state.positions(mesh)
     for seed in (2, 11, 14, 17):
-        edit = random_cut(mesh, state.positions(mesh), 3 * seed)
+        edit = random_cut(mesh, state.positions(mesh).astype(np.float64), 3 * seed)
         if edit is None:
             continue
         assert len(edit.moved_nodes)

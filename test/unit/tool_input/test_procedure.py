@@ -70,6 +70,15 @@ def test_lengths_are_metres_whatever_the_file_uses() -> None:
     assert grab.value == pytest.approx(0.004)
 
 
+def test_undo_and_redo_are_actions() -> None:
+    lines = "  - {at: 4.12, undo: true}\n  - {at: 4.15, redo: true}\n  - {at: 4.2, release"
+    procedure = parse_procedure(TEXT.replace("  - {at: 4.2, release", lines))
+    found = [event.action for event in procedure.events if event.action in ("undo", "redo")]
+    assert found == ["undo", "redo"]
+    with pytest.raises(ValueError, match="must be true"):
+        parse_procedure(TEXT.replace("  - {at: 4.2, release", lines.replace("true", "false", 1)))
+
+
 def test_tool_rests_at_both_ends_of_a_motion_and_goes_where_it_is_sent() -> None:
     procedure = parse_procedure(TEXT)
     np.testing.assert_allclose(procedure.pose("forceps", 0.0).position, [0, 0, 0.01])
