@@ -282,6 +282,13 @@ class _Cutter:
             self._opposite[version] = found - {version}
         return self._opposite[version]
 
+    def _root(self, version: int) -> int:
+        """The node that a version was in the beginning, before any cut."""
+        node = self.own.get(version, version)
+        while (parent := int(self.mesh.node_parents[node])) != node:
+            node = parent
+        return node
+
     def _across(self, version: int, kept: dict[int, Pair]) -> list[int]:
         """Nodes across the tissue from a version of a node, about those of its neighbours."""
         if version not in self._known:
@@ -289,5 +296,7 @@ class _Cutter:
             for _ in range(RINGS):
                 near_by = self._around(near_by)
             far = self._around(set().union(*(self._partners(node, kept) for node in near_by)))
-            self._known[version] = sorted(far - near_by)
+            # The other lip of an earlier cut is not across the tissue.
+            own = {self._root(node) for node in near_by}
+            self._known[version] = sorted(node for node in far if self._root(node) not in own)
         return self._known[version]
