@@ -22,6 +22,7 @@ ROS_SIDE = (
     "tissue_sim/simulation_services.py",
     "tissue_sim/simulation_tools.py",
     "tissue_sim/simulation_topics.py",
+    "tissue_sim/undo_client.py",
     "viz_bridge/bag_play.py",
     "viz_bridge/monitor.py",
     "viz_bridge/recorded_topics.py",

@@ -22,7 +22,7 @@ def redo(namespace: Namespace = "", times: Times = 1, timeout: Wait = 10.0) -> N
 
 
 def _ask(kind: str, namespace: str, times: int, timeout: float) -> None:
-    from tissue_sim.history_node import ask
+    from tissue_sim.undo_client import ask
 
     for said in ask(kind, namespace, times, timeout):
         typer.echo(said)
