@@ -64,6 +64,11 @@ def _rehearse(scene: Scene, sheet: bool = False) -> None:
     simulation.model.residual(simulation.state)
 
 
+def main() -> None:
+    """Fill the cache of kernels; set-up does so, that no session has to wait for it."""
+    rehearse(sheet=True)
+
+
 def _split() -> TopologyEdit:
     """Part the two elements at their common face, and move a node of it."""
     face = np.array([1, 2, 3], dtype=np.uint32)
@@ -80,3 +85,7 @@ def _split() -> TopologyEdit:
         rewritten_elements=np.array([1], dtype=np.uint32),
         rewritten_nodes=np.array([[copies[0], 4, copies[1], copies[2]]], dtype=np.uint32),
     )
+
+
+if __name__ == "__main__":
+    main()
