@@ -132,6 +132,15 @@ venv_signature() {
   grep -hv '^ *#' requirements/bootstrap.lock "requirements/py${1/./}.lock" | sha256sum
 }
 
+# Both use the workspace's own cache (scripts/env.sh), in two processes at once.
+compile_kernels() (
+  set +u
+  . scripts/env.sh
+  mkdir -p "$NUMBA_CACHE_DIR"
+  python -P -m cut_service.warm_up &
+  python -P -m tissue_sim.rehearsal && wait $! && touch "$kernels"
+)
+
 exec 9>.setup.lock
 if ! flock --nonblock 9; then
   say "waiting for another set-up of this folder to end"
@@ -156,3 +165,10 @@ if [ -z "$version" ] || [ "$(cat $stamp)" != "$(venv_signature "$version")" ] ||
 fi
 
 .venv/bin/python -I scripts/build.py
+
+# Kernels are compiled once for each set of sources. Nodes would do it at their first start, while
+# everybody waits for them.
+kernels=$(set +u; . scripts/env.sh; printf %s "$NUMBA_CACHE_DIR/.complete")
+if [ ! -e "$kernels" ] && mkdir -p "${kernels%/*}" 2>/dev/null; then
+  stage "kernels (once for these sources)" kernels compile_kernels
+fi

@@ -35,3 +35,7 @@ def warm_up() -> float:
             sweep = Sweep.between(np.array([low, middle]), np.array([far, high]))
             mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], sweep, method).edit)
     return time.perf_counter() - begin
+
+
+if __name__ == "__main__":
+    warm_up()

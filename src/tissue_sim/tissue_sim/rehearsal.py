@@ -64,6 +64,11 @@ def _rehearse(scene: Scene, sheet: bool = False) -> None:
     simulation.model.residual(simulation.state)
 
 
+def main() -> None:
+    """Fill the cache of kernels; set-up does so, that no session has to wait for it."""
+    rehearse(sheet=True)
+
+
 def _sheet_split(mesh: Mesh) -> TopologyEdit:
     """Give a triangle at a node a copy of it, and move the node."""
     row = mesh.incident.of(4)[:1]
@@ -99,3 +104,7 @@ def _split() -> TopologyEdit:
         rewritten_elements=np.array([1], dtype=np.uint32),
         rewritten_nodes=np.array([[copies[0], 4, copies[1], copies[2]]], dtype=np.uint32),
     )
+
+
+if __name__ == "__main__":
+    main()

@@ -28,7 +28,7 @@ from tissue_sim.session import (
     start_session,
     tools_of,
 )
-from tissue_sim.simulation_parameters import sheet_settings
+from tissue_sim.simulation_parameters import shape_of, sheet_settings
 
 RATE_HZ = 60.0
 HEADLESS_SECONDS = 10.0
@@ -162,12 +162,11 @@ def _suggested(
     """Tools for a geometry nobody has chosen any for, and the default procedure when headless."""
     values = scene.simulation
     sheet = sheet_settings(values)
-    shape = {key[6:]: value for key, value in values.items() if key.startswith("shape.")}
     geometry = load(
         values["geometry"],
         values.get("units", ""),
         values.get("fixed", "auto"),
-        parameters=shape,
+        parameters=shape_of(values),
         sheet=sheet,
     )
     model = values.get("model", Scene.model)

@@ -121,6 +121,7 @@ class SimulationNode(Node):
         )
         for line in geometry.report.mended:
             self.get_logger().info(line)
+        self.get_logger().info("getting kernels ready; the first time that takes minutes")
         rehearse(sheet=geometry.mesh.sheet is not None)
         seed = values["seed"]
         epoch = hashlib.blake2b(str(seed).encode(), digest_size=16).digest() if seed else None

@@ -342,11 +342,7 @@ class Settings:
             steps_per_frame=values["steps_per_frame"],
             data_dir=Path(values["data_dir"]).expanduser(),
             wait_for=dict(_wait_for(entry) for entry in values["wait_for"]),
-            shape={
-                key.split(".", 1)[1]: _whole(value)
-                for key, value in values.items()
-                if key.startswith("shape.")
-            },
+            shape=shape_of(values),
             regions={name: values[f"region.{name}.where"] for name in values["regions"]},
             sheet=sheet_settings(values),
         )
@@ -456,6 +452,15 @@ def _wait_for(entry: str) -> tuple[str, int]:
     if not topic or not count.isdigit() or int(count) < 1:
         raise ParameterError(f"wait_for item {entry!r} is not allowed; allowed: topic:count")
     return topic, int(count)
+
+
+def shape_of(values: Mapping[str, Any]) -> dict[str, float]:
+    """Parameters of the generated shape that were given, without their `shape.`."""
+    return {
+        key.removeprefix("shape."): _whole(value)
+        for key, value in values.items()
+        if key.startswith("shape.")
+    }
 
 
 def _whole(value: float) -> float:

@@ -35,6 +35,9 @@ EVENTS = QoSProfile(
 )
 POLL_SECONDS = 0.02
 
+LONGEST_SILENCE = 120.0
+"""Time without the simulation's journal after which a procedure that goes by it is given up [s]."""
+
 
 class ScriptError(RuntimeError):
     """The procedure cannot go on; the message says why."""
@@ -199,7 +202,7 @@ class ScriptNode(Node):
                 raise ScriptError("asked to end before the procedure was over")
             if self._status is not None and self._status.state == Status.FAILED:
                 raise ScriptError(f"the simulation failed: {self._status.message}")
-            if clock.silence() > self.settings.start_timeout:
+            if clock.silence() > LONGEST_SILENCE:
                 raise ScriptError(f"no tissue/journal for {clock.silence():.0f} s")
             self._player.advance(clock.now())
             tenth = int(10 * min(self._player.time / self.procedure.end, 1.0))

@@ -26,7 +26,7 @@ SPECS = (
         1,
         100,
     ),
-    Spec("start_timeout", "double", 120.0, "longest wait for the simulation", "s", 0.1, 3600.0),
+    Spec("start_timeout", "double", 600.0, "longest wait for the simulation", "s", 0.1, 3600.0),
     Spec("service_timeout", "double", 60.0, "longest wait for an answer", "s", 0.1, 3600.0),
     Spec("report", "string", "", "JSON file for the services' answers; empty: none"),
 )

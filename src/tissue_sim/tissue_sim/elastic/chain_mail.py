@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.chains import PARAMETERS, Chains
-from tissue_sim.elastic.mesh_model import MeshModel
+from tissue_sim.elastic.mesh_model import ForcelessModel
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 
 
-class ChainMail(MeshModel):
+class ChainMail(ForcelessModel):
     """Edges free within limits; who is beyond them follows its neighbour, farthest pushed first.
 
     A step is one propagation from the held nodes that moved and `relaxations` sweeps that pull
@@ -35,7 +34,6 @@ class ChainMail(MeshModel):
 
     name: ClassVar[str] = "chain_mail"
     parameters: ClassVar[tuple[Parameter, ...]] = PARAMETERS
-    has_forces = False
 
     def __init__(
         self,
@@ -91,11 +89,3 @@ class ChainMail(MeshModel):
         self.springs.follow(change)
         self._chains.reserve(self.mesh.node_capacity)
         self._chains.doubt(change.nodes)
-
-    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Zero: it has no stiffness."""
-        return np.zeros((len(rows), 3))
-
-    def residual(self, state: State) -> float:
-        """Has no meaning without forces: nan."""
-        return math.nan

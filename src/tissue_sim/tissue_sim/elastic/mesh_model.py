@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
@@ -104,3 +105,17 @@ class MeshModel(ABC):
     @abstractmethod
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""
+
+
+class ForcelessModel(MeshModel):
+    """A model that moves nodes by limits on lengths: it has no stiffness."""
+
+    has_forces = False
+
+    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Zero: it has no stiffness."""
+        return np.zeros((len(rows), 3))
+
+    def residual(self, state: State) -> float:
+        """Has no meaning without forces: nan."""
+        return math.nan

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.chains import PARAMETERS, Chains
-from tissue_sim.elastic.mesh_model import MeshModel
+from tissue_sim.elastic.mesh_model import ForcelessModel
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.voxel_lattice import VoxelLattice
@@ -22,7 +21,7 @@ NEAR = 0.1
 """A prescribed node prescribes the voxels that carry at least this share of it."""
 
 
-class VoxelMail(MeshModel):
+class VoxelMail(ForcelessModel):
     """A grid of voxels over the tissue gives within limits, then pulls; nodes lie between voxels.
 
     A step puts the voxels near held nodes at their mean, propagates from those that moved, relaxes
@@ -45,7 +44,6 @@ class VoxelMail(MeshModel):
         ),
         *PARAMETERS,
     )
-    has_forces = False
     needs_tetrahedra = True
 
     def __init__(
@@ -188,11 +186,3 @@ class VoxelMail(MeshModel):
         v[missing] = 0
         fill(missing, known, lattice.degree, lattice.neighbour, v)
         self._chains.doubt(voxels[v[voxels].any(axis=1)])
-
-    def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Zero: it has no stiffness."""
-        return np.zeros((len(rows), 3))
-
-    def residual(self, state: State) -> float:
-        """Has no meaning without forces: nan."""
-        return math.nan

@@ -85,14 +85,14 @@ def load(
         ValueError: Something about the request is wrong.
         MeshError: The mesh is.
     """
+    if sheet is not None:
+        sheet.checked()
+        _refuse_of_tetrahedra(sheet, cell, regions, fibres)
     if cell and name_or_path in SHAPES:
         raise ValueError(
             f"cell = {cell} m is for filling a surface file, {name_or_path} is a generated shape; "
             f"its parameters: {', '.join(inspect.signature(SHAPES[str(name_or_path)]).parameters)}"
         )
-    if sheet is not None:
-        sheet.checked()
-        _refuse_of_tetrahedra(sheet, cell, regions, fibres)
     raw, said = _raw(str(name_or_path), units, dict(parameters or {}), folder)
     if sheet is None and not len(raw.tetrahedra):
         raw, more = _filled(raw, cell)

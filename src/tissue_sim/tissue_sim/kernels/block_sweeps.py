@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.kernels.mixed_matter import mixed_sums
 from tissue_sim.kernels.neo_hookean import Constants, node_response
-from tissue_sim.kernels.springs import FAST, SpringArrays
+from tissue_sim.kernels.springs import AHEAD, FAST, SpringArrays
 from tissue_sim.kernels.vectors import prefetch
 from tissue_sim.kernels.vertex_blocks import VertexBlocks
 from tissue_sim.kernels.vertex_descent import (
@@ -19,9 +19,6 @@ from tissue_sim.kernels.vertex_descent import (
     solve,
     unfold_at,
 )
-
-AHEAD = 2
-"""Nodes between asking for a list and reading it."""
 
 LINE = 16
 """Numbers in a cache line."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,8 @@ XPBD_SETTINGS: tuple[dict[str, Any], ...] = tuple(
 """Settings tried with XPBD: `time_step` [s], `iterations` in each, and share of a correction."""
 
 
-class NewtonSoft:
+class NewtonSoft(ABC):
     """Particles without mass where the tissue is fixed or held; no contacts, gravity or damping."""
-
-    solver: str
 
     def __init__(self, task: Task, settings: dict[str, Any]) -> None:
         """Build the model and the solver.
@@ -62,8 +61,9 @@ class NewtonSoft:
         # In Newton's own single precision, so that nothing moves before the pull.
         self._rest = model.particle_q.numpy().copy()
 
+    @abstractmethod
     def _solver_of(self, solvers: Any, model: Any, settings: dict[str, Any]) -> Any:
-        raise NotImplementedError
+        """The solver of `newton.solvers` for a model."""
 
     def pull(self) -> None:
         """Put the particles of the held nodes where they are pulled to."""
