@@ -182,6 +182,8 @@ def test_demo_leaves_a_bag_a_recording_pictures_and_a_summary(
     )
     assert code == 0, output
     out = tmp_path / "out"
+    # Everybody waits for everybody, and nobody for ever.
+    assert "started without" not in (out / "logs" / "tissue_sim.log").read_text()
     summary = json.loads((out / "summary.json").read_text())
     assert summary["geometry"] == {"name": "wall", "nodes": 884, "tetrahedra": 2400}
     assert summary["model"] == "lr"

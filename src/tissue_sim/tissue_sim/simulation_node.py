@@ -83,6 +83,8 @@ class SimulationNode(Node):
             self, self._live, self._settings.frames.organ, self._follow_tools
         )
         self._keyframes.publish(self._live.prepared, time.perf_counter())
+        # Before the first frame: the clock may wait for a script that wants to know the tools.
+        self._topics.publish_tools(list(self._live.trackers.values()), self._now())
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters)
         group = MutuallyExclusiveCallbackGroup()

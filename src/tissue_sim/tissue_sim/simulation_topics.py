@@ -63,7 +63,7 @@ class SimulationTopics:
         self.cut_requests = make(CutRequest, "tissue/cut_request", qos.CUT_REQUEST)
         self.diagnostics = make(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         self._status_before: tuple[Any, ...] = ()
-        self._tools_before: tuple[Any, ...] = ()
+        self._tools_before: tuple[Any, ...] | None = None
 
     def publish_frame(self, frame: Frame, stamp: Time) -> None:
         """Publish a frame's state, edits, cut requests and journal entry."""
@@ -127,9 +127,7 @@ class SimulationTopics:
     def publish_tools(self, trackers: Sequence[ToolTracker], stamp: Time) -> None:
         """Publish the list of tools if it changed, poses aside."""
         now = tuple((tracker.spec, tracker.state, tracker.reason) for tracker in trackers)
-        if now == self._tools_before and self._tools_before:
-            return
-        if not now and not self._tools_before:
+        if now == self._tools_before:
             return
         self._tools_before = now
         message = ToolList(header=conversions.header(self.frame_id, stamp))

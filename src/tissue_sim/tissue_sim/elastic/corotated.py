@@ -63,6 +63,7 @@ class Corotated:
         tangent: f and W.
         settled: Whether forces at the present shape are exact and small enough.
         residual: Norm of the residual in free nodes [N].
+        iterated: Whether the last step was an iteration.
     """
 
     def __init__(self, springs: SpringNetwork, tolerance: float, rest_tolerance: float) -> None:
@@ -82,7 +83,7 @@ class Corotated:
         self._vectors = Vectors(*(np.zeros(shape, dtype=springs.dtype) for _ in range(5)))
         self._held = np.empty(0, dtype=np.int32)
         self._prescribed = springs.mesh.fixed.copy()
-        self.settled, self.residual = False, 0.0
+        self.settled, self.residual, self.iterated = False, 0.0, False
         self._motion = self._prescribed_force = self._floor = self._pq = 0.0
         self._renewing, self._unknown, self._stuck = False, False, False
         self._searching = False
@@ -121,6 +122,11 @@ class Corotated:
         return self._vectors.x
 
     @property
+    def coarse_bytes(self) -> int:
+        """Memory that the coarse part of the preconditioner reads in an iteration at least."""
+        return self._aggregates.bytes
+
+    @property
     def _count(self) -> int:
         return self._springs.mesh.node_rows
 
@@ -133,6 +139,7 @@ class Corotated:
             self._moves += 1
             self._disturb()
             self._loose.hold_still(state.prescribed, self._vectors.r)
+        self.iterated, self.tangent.renewed = False, 0
         if self.settled:
             return
         solved = not self._unknown and self._solved()
@@ -146,6 +153,7 @@ class Corotated:
                 self.tangent.go_on()
         else:
             self._iterate(state.prescribed)
+            self.iterated = True
             self._waited += 1
             if self._renewing:
                 self.tangent.go_on()

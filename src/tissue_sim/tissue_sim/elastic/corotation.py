@@ -53,12 +53,13 @@ class Tangent(Stiffness):
         now: What is in use.
         next: What is being made.
         keep: Share of what is not positive in the stiffness of stressed elements against turning.
+        renewed: Elements taken into the next one since somebody has put this to 0.
     """
 
     def __init__(self, springs: SpringNetwork) -> None:
         """Begin with that of rest."""
         super().__init__(springs)
-        self._found, self.keep = response(), 0.0
+        self._found, self.keep, self.renewed = response(), 0.0, 0
         places, capacity = len(self._blocks), springs.mesh.node_capacity
         self.now = _zeros(0, capacity, springs.dtype)
         self.now.blocks, self.now.inverse = self._blocks, self.inverse
@@ -93,10 +94,11 @@ class Tangent(Stiffness):
         if at < CLEARING:
             clear_rows(*_part(at, CLEARING, mesh.node_rows), rows)
         elif at < CLEARING + ADDING:
+            begin, end = _part(at - CLEARING, ADDING, mesh.element_rows)
             new.energy += add_elements(
-                *_part(at - CLEARING, ADDING, mesh.element_rows), mesh.element_alive,
-                self.solid, new.shape, self._found, rows, new.force,
-            )  # fmt: skip
+                begin, end, mesh.element_alive, self.solid, new.shape, self._found, rows, new.force
+            )
+            self.renewed += end - begin
         elif not self.complete:
             begin, end = _part(at - CLEARING - ADDING, INVERTING, mesh.node_rows)
             invert_diagonals(self._all[begin:end], rows, new.inverse)

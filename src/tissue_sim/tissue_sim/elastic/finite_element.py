@@ -146,7 +146,7 @@ class FiniteElement(MeshModel):
     @property
     def coarse_bytes(self) -> int:
         """Memory that the coarse part of the preconditioner reads in an iteration at least."""
-        return self._solver.coarse_bytes
+        return (self.corotated or self._solver).coarse_bytes
 
     def step(self, state: State) -> None:
         """One iteration of every lane that has work. Modifies the state in place."""
