@@ -19,6 +19,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import Sheet, SheetStiffness, checked_sheet
+from tissue_sim.geometry.sutures import Sutures, checked_sutures
 
 FORMAT = 1
 SUFFIX = ".npz"
@@ -100,6 +101,7 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
         region_names=dict(mesh.region_names),
         fibres=mesh.fibres[elements],
         sheet=_renumbered(mesh.sheet, row),
+        sutures=mesh.sutures.renumbered(row),
         node_file_ids=mesh.node_file_ids[nodes],
         element_file_ids=mesh.element_file_ids[elements],
         name=mesh.name,
@@ -134,6 +136,7 @@ def save(snapshot: Snapshot, folder: Path, name: str) -> Path:
     }
     if raw.sheet is not None:
         values |= _sheet_arrays(raw.sheet)
+    values |= _suture_arrays(raw.sutures)
     temporary = ""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -186,6 +189,35 @@ def _sheet_arrays(sheet: Sheet) -> dict[str, NDArray[Any]]:
         "sheet_stiffness": np.array(astuple(sheet.stiffness)),
         "sheet_walls": sheet.walls,
     }
+
+
+def _suture_arrays(sutures: Sutures) -> dict[str, NDArray[Any]]:
+    return {
+        "suture_ids": sutures.ids,
+        "suture_nodes": sutures.nodes,
+        "suture_lengths": sutures.lengths,
+        "suture_stiffness": sutures.stiffness,
+        "suture_groups": sutures.groups,
+        "suture_next": np.array(sutures.next_id),
+    }
+
+
+def _checked_sutures(path: Path, values: Mapping[str, NDArray[Any]]) -> Sutures:
+    if "suture_ids" not in values:
+        return Sutures()  # Saved before there were any.
+    try:
+        count = len(values["suture_ids"])
+        sutures = Sutures(
+            values["suture_ids"].astype(np.uint32),
+            values["suture_nodes"].astype(np.int32).reshape(count, 2),
+            values["suture_lengths"].astype(np.float64).reshape(count),
+            values["suture_stiffness"].astype(np.float64).reshape(count),
+            values["suture_groups"].astype(np.uint32).reshape(count),
+            int(values["suture_next"].item()),
+        )
+        return checked_sutures(sutures, np.ones(len(values["points"]), dtype=np.bool_))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SnapshotError(f"{path} is damaged: its sutures: {error}") from error
 
 
 def _renumbered(sheet: Sheet | None, row: NDArray[np.int64]) -> Sheet | None:
@@ -249,6 +281,7 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
         regions=values["regions"].astype(np.int32),
         fibres=values["fibres"].astype(np.float32),
         sheet=sheet,
+        sutures=_checked_sutures(path, values),
         region_names=dict(zip(labels, map(str, values["region_names"]), strict=True)),
         node_file_ids=values["node_file_ids"].astype(np.int64),
         element_file_ids=values["element_file_ids"].astype(np.int64),

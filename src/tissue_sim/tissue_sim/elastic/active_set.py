@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.acceleration import Acceleration
 from tissue_sim.elastic.lingering import Lingering
 from tissue_sim.elastic.model import State
-from tissue_sim.elastic.node_sweeps import largest_force, sweep, sweep_with_momentum
+from tissue_sim.elastic.node_sweeps import (
+    largest_force,
+    largest_sewn_force,
+    sweep,
+    sweep_sewn_nodes,
+    sweep_with_momentum,
+)
 from tissue_sim.elastic.ordering import NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
@@ -148,10 +154,30 @@ class ActiveSet:
             )  # fmt: skip
         elif self.end:
             self._sweep_part(state, step, 0, self.end)
+        of_sewn = 0.0
+        if len(self.springs.stitches) and self.count:
+            of_sewn = self._sweep_sewn(state, self.moving_sewn(state))
         if self.lingering.count:
             moved = self.lingering.sweep(state, self.ordering, self.end, step)
-            if moved <= self._tolerance:
+            if max(moved, of_sewn) <= self._tolerance:
                 self._come_to_rest(state)
+
+    def moving_sewn(self, state: State) -> NDArray[np.bool_]:
+        """Which of the sewn nodes are active and free, shape (s,)."""
+        nodes = self.springs.stitches.nodes
+        level = self.ordering.level[nodes]
+        active: NDArray[np.bool_] = self.lingering.member[nodes].copy()
+        if self.end:
+            active |= (level != UNREACHED) & (level <= self.levels)
+        return active & ~state.prescribed[nodes]
+
+    def _sweep_sewn(self, state: State, moves: NDArray[np.bool_]) -> float:
+        """One sweep over sewn nodes; the farthest squared move [m^2]. Modifies the state."""
+        return sweep_sewn_nodes(self.springs, moves, state)
+
+    def _largest_sewn(self, state: State, which: NDArray[np.bool_]) -> tuple[float, float]:
+        """As `_largest`, of some of the sewn nodes."""
+        return largest_sewn_force(self.springs, which, state)
 
     def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
         return sweep(self.springs, self.ordering.nodes, begin, end, state, step)
@@ -184,6 +210,9 @@ class ActiveSet:
         if self.end:
             return
         _, step = self._largest(state, self.ordering.nodes, self.ordering.used)
+        if len(self.springs.stitches):
+            free = ~state.prescribed[self.springs.stitches.nodes]
+            step = max(step, self._largest_sewn(state, free)[1])
         homing = self.lingering.homing
         if step > self._tolerance or (homing is not None and homing.is_away(state)):
             self.lingering.choose(state, self.ordering, 0)
@@ -192,7 +221,10 @@ class ActiveSet:
         """Largest internal force on a free active node [N]."""
         region, _ = self._largest(state, self.ordering.nodes, self.end)
         rest, _ = self._largest(state, self.lingering.nodes, self.lingering.count)
-        return math.sqrt(max(region, rest))
+        sewn = 0.0
+        if len(self.springs.stitches):
+            sewn, _ = self._largest_sewn(state, self.moving_sewn(state))
+        return math.sqrt(max(region, rest, sewn))
 
     def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
         return largest_force(self.springs, nodes, 0, end, state)

@@ -192,5 +192,19 @@ class BlockActiveSet(ActiveSet):
         )  # fmt: skip
         return moved
 
+    def _come_to_rest(self, state: State) -> None:
+        super()._come_to_rest(state)
+        if self.lingering.count and len(self.springs.stitches):
+            # Stitches pull by many moves that are each too small to wake a neighbour.
+            self.problem.awake[self.lingering.nodes[: self.lingering.count]] = True
+
+    def _sweep_sewn(self, state: State, moves: NDArray[np.bool_]) -> float:
+        farthest = self.problem.sweep_sewn(state, moves, self.pace.unfolding)
+        self.moved = max(self.moved, farthest)
+        return farthest
+
     def _largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
         return self.problem.largest(state, nodes, end)
+
+    def _largest_sewn(self, state: State, which: NDArray[np.bool_]) -> tuple[float, float]:
+        return self.problem.largest_sewn(state, which)

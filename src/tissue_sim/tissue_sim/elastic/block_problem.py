@@ -13,11 +13,16 @@ from tissue_sim.kernels.block_forces import block_forces, largest_block_force, t
 from tissue_sim.kernels.block_sweeps import Controls, Motion, Problem, repeat_moves, sweep_blocks
 from tissue_sim.kernels.mixed_matter import ROWS
 from tissue_sim.kernels.neo_hookean import constants
+from tissue_sim.kernels.stitches import aim_all
 from tissue_sim.kernels.vertex_blocks import VertexBlocks, fill_blocks
 from tissue_sim.kernels.vertex_descent import Inertia
 
 CRUSHED = 0.3
 """Share of mu sum V |g|^2 below which a node's stiffness shows crushed elements; at rest, 2.25."""
+
+ANSWER = 2.0
+"""Times its mean stiffness at rest with which the far end of a stitch is taken to answer: too much
+converges a little later, too little might not."""
 
 THIRD_DERIVATIVE = 1.5
 """Bound of the third derivative of log(1 + p^2)/2 along any line."""
@@ -155,28 +160,95 @@ class BlockProblem:
             repeated ones, times the latter [m^2].
         """
         motion = self.motion(state)
-        repeat_moves(nodes, begin, end, momentum, self.springs.tiny, motion)
-        moved, along, self.careful = sweep_blocks(
-            nodes, begin, end, self._problem, self.controls, unfolding, motion
-        )
+        with self.springs.stitches.set_aside(state):
+            repeat_moves(nodes, begin, end, momentum, self.springs.tiny, motion)
+            moved, along, self.careful = sweep_blocks(
+                nodes, begin, end, self._problem, self.controls, unfolding, motion
+            )
         return float(moved), float(along)
 
+    def sweep_sewn(self, state: State, moves: NDArray[np.bool_], unfolding: bool = False) -> float:
+        """One sweep over the sewn nodes, which `sweep` leaves out. Modifies the state in place.
+
+        What its stitches do to a node is quadratic in its place (`kernels.stitches.aim`), and so is
+        inertia: they are swept as nodes with more inertia.
+
+        Args:
+            state: Displacements and prescribed nodes.
+            moves: Which of them move, shape (s,).
+            unfolding: As in `sweep`.
+
+        Returns:
+            Largest squared distance a node moved [m^2].
+        """
+        stitches, u = self.springs.stitches, state.displacement
+        nodes, inertia = stitches.nodes, self._inertia
+        order, moving = nodes.astype(np.uint32), nodes[moves]
+        own, target = inertia.factor[nodes].astype(np.float64), inertia.target[nodes].copy()
+        F = np.zeros((len(nodes), 3))
+        block_forces(nodes, self._problem, u, F)
+        F += own[:, None] * (target.astype(np.float64) - u[nodes])
+        K = ANSWER * float(self._exact.shear) * self.blocks.shear[nodes] + own
+        goal = np.empty((len(nodes), 4))
+        self.last_move[moving] = 0
+        farthest = 0.0
+        with stitches.set_aside(state):
+            # Only what moves is free; what is set aside tells its neighbours that it has moved.
+            state.prescribed[moving] = False
+            for begin, end in stitches.parts:
+                aim_all(
+                    stitches.sewn, stitches.threads, begin, end, F, K, moves,
+                    self.springs.mesh.rest, u, goal,
+                )  # fmt: skip
+                part = nodes[begin:end]
+                self.awake[part] = True
+                pull, stiff = goal[begin:end, :3], goal[begin:end, 3] + own[begin:end]
+                drive = pull + own[begin:end, None] * (target[begin:end] - u[part])
+                inertia.factor[part] = stiff
+                inertia.target[part] = u[part] + drive / np.maximum(stiff, 1e-300)[:, None]
+                moved, _, _ = sweep_blocks(
+                    order, begin, end, self._problem, self.controls, unfolding, self.motion(state)
+                )
+                farthest = max(farthest, float(moved))
+            inertia.factor[nodes], inertia.target[nodes] = own, target
+        self.last_move[moving] = 0
+        return farthest
+
     def largest(self, state: State, nodes: NDArray[np.uint32], end: int) -> tuple[float, float]:
-        """Largest squared force [N^2] and step [m^2] of free nodes in nodes[:end]."""
-        force, step = largest_block_force(
-            nodes, 0, end, self._problem, state.prescribed, state.displacement
-        )
+        """Largest squared force [N^2] and step [m^2] of free nodes, but for sewn ones."""
+        with self.springs.stitches.set_aside(state):
+            force, step = largest_block_force(
+                nodes, 0, end, self._problem, state.prescribed, state.displacement
+            )
         return float(force), float(step)
+
+    def largest_sewn(self, state: State, which: NDArray[np.bool_]) -> tuple[float, float]:
+        """As `largest`, of some of the sewn nodes, their stitches' pull included."""
+        stitches, u = self.springs.stitches, state.displacement
+        nodes = stitches.nodes
+        F, K = stitches.at_nodes(u)
+        of_elements = np.zeros_like(F)
+        block_forces(nodes, self._problem, u, of_elements)
+        own = self._inertia.factor[nodes].astype(np.float64)
+        F += of_elements + own[:, None] * (self._inertia.target[nodes] - u[nodes])
+        K += own + float(self._exact.shear) * self.blocks.shear[nodes]
+        squared = (F[which] ** 2).sum(axis=1)
+        steps = squared / np.maximum(K[which], 1e-300) ** 2
+        return float(squared.max(initial=0.0)), float(steps.max(initial=0.0))
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""
         out = np.zeros((len(rows), 3))
         block_forces(np.asarray(rows, dtype=np.int32), self._problem, state.displacement, out)
-        return out
+        return out + self.springs.stitches.forces(state.displacement, rows)
 
     def energy(self, state: State) -> float:
-        """Elastic energy [J], zero at rest."""
-        return float(total_energy(self.springs.mesh.node_rows, self._problem, state.displacement))
+        """Elastic energy [J], zero at rest, that of stitches included."""
+        rows, u = self.springs.mesh.node_rows, state.displacement
+        nowhere = np.zeros((len(u), 3))
+        return float(total_energy(rows, self._problem, u)) + self.springs.stitches.add_forces(
+            u, nowhere
+        )
 
 
 def _longer(array: NDArray, extra: int) -> NDArray:

@@ -19,7 +19,8 @@ class ChainMail(ForcelessModel):
     """Edges free within limits; who is beyond them follows its neighbour, farthest pushed first.
 
     A step is one propagation from the held nodes that moved and `relaxations` sweeps that pull
-    every displaced node towards where its neighbours want it, within the limits.
+    every displaced node towards where its neighbours want it, within the limits; stitches that are
+    then longer than at rest are put at their rest length.
 
     Limitations: no forces; limits are along the axes at rest, so that tissue turned as a whole is
     turned back; see docs/chain_mail.md.
@@ -63,7 +64,14 @@ class ChainMail(ForcelessModel):
 
     def step(self, state: State) -> None:
         """One propagation and the sweeps of relaxation. Modifies the state in place."""
-        self._chains.step(self.springs.arrays, state.prescribed, state.displacement)
+        stitches, u = self.springs.stitches, state.displacement
+        before = u[stitches.nodes].copy() if len(stitches) else u[:0]
+        self._chains.step(self.springs.arrays, state.prescribed, u)
+        if len(stitches):
+            stitches.limit(stitches.threads.length, state.prescribed, u)
+            moved = np.abs(u[stitches.nodes] - before).max(axis=1) > self.values["rest_tolerance"]
+            # Neighbours of what the threads have pulled along may be beyond their limits.
+            self._chains.doubt(stitches.nodes[moved])
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Start from the held nodes; nodes let go of may be beyond their limits.

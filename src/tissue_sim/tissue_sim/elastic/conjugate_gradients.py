@@ -80,6 +80,16 @@ class ConjugateGradients:
         self.iterations[lane] = 0
         self._rz[lane] = 0.0
 
+    def load(self, lane: int, nodes: NDArray[np.int32], forces: NDArray[np.float64]) -> None:
+        """Solve K (shape + change) = forces instead, which are zero elsewhere; right after `begin`.
+
+        Args:
+            lane: Which.
+            nodes: Rows of free nodes.
+            forces: Forces on them [N], shape (len(nodes), 3).
+        """
+        self._vectors.r[nodes, :, lane] = forces
+
     def end(self, lane: int) -> None:
         """Leave a lane alone; its x stays until it begins again."""
         self.active[lane] = False

@@ -67,6 +67,7 @@ class Tangent(Stiffness):
         self._at = ALL
         self._all = np.arange(capacity, dtype=np.int32)
         self._place_of = np.full(capacity, -1, dtype=np.int32)
+        self._sew(self.now, self.now.shape)
         self._invert(self._all[: springs.mesh.node_rows])
 
     @property
@@ -100,6 +101,9 @@ class Tangent(Stiffness):
             )
             self.renewed += end - begin
         elif not self.complete:
+            if at == CLEARING + ADDING:
+                new.energy += self.springs.stitches.add_forces(new.shape, new.force)
+                self._sew(new, new.shape)
             begin, end = _part(at - CLEARING - ADDING, INVERTING, mesh.node_rows)
             invert_diagonals(self._all[begin:end], rows, new.inverse)
         self._at = min(at + 1, ALL)
@@ -114,6 +118,7 @@ class Tangent(Stiffness):
     ) -> None:
         """Exact internal forces on nodes [N]. Writes `out`, shape (len(nodes), 3)."""
         node_forces(nodes, self.solid, shape, self._found, self._place_of, out)
+        out += self.springs.stitches.forces(shape, nodes)
 
     def warm_up(self) -> None:
         """Compile the kernels, or load them from the cache."""
@@ -137,15 +142,26 @@ class Tangent(Stiffness):
             self._place_of = np.full(mesh.node_capacity, -1, dtype=np.int32)
         self._blocks, self.inverse = self.now.blocks, self.now.inverse
         assemble_nodes(change.nodes, self.solid, shape, self._found, self.rows)
-        self._invert(change.nodes)
+        self._sew(self.now, shape)
+        self._invert(np.union1d(change.nodes, self.springs.stitches.nodes))
         self._at = ALL
+
+    def _sew(self, line: Linearisation, shape: NDArray[np.floating]) -> None:
+        """Write the blocks of the stitches at a shape."""
+        springs = self.springs
+        if len(springs.stitches):
+            stitches = springs.stitches
+            taut = stitches.lengths(shape) >= stitches.threads.length
+            blocks = -stitches.tangents(shape, taut).reshape(-1, 9)
+            for end in (0, 1):
+                line.blocks[springs.stitch_places[:, end]] = blocks
 
     def _invert(self, nodes: NDArray[np.int32]) -> None:
         invert_diagonals(nodes, self.rows, self.now.inverse)
 
     def _rows_of(self, line: Linearisation) -> BlockRows:
         arrays = self.springs.arrays
-        return BlockRows(arrays.start, arrays.degree, arrays.neighbour, line.blocks)
+        return BlockRows(arrays.start, self.springs.links, arrays.neighbour, line.blocks)
 
 
 def _part(at: int, parts: int, count: int) -> tuple[int, int]:

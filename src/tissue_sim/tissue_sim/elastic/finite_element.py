@@ -18,6 +18,7 @@ from tissue_sim.elastic.region_solver import RegionSolver
 from tissue_sim.elastic.responses import Responses
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.stiffness import Stiffness
+from tissue_sim.elastic.stitch_blocks import StitchBlocks
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.aggregates import patches_of
@@ -102,12 +103,15 @@ class FiniteElement(MeshModel):
         self.corotated: Corotated | None = None
         self._direct: DirectSolver | RegionSolver | None = None
         self._refuse_combinations()
+        if len(mesh.sutures) and (why := self._why_not_sewn()):
+            raise ValueError(f"the tissue is sewn, and {why}")
         if self.values["corotated"]:
             self.corotated = Corotated(
                 self.springs, self.values["tolerance"], self.values["rest_tolerance"]
             )
             return
         self.stiffness = Stiffness(self.springs)
+        self._stitches = StitchBlocks(self.stiffness)
         self.responses = Responses(mesh.node_capacity, self.springs.dtype)
         self._solver = ConjugateGradients(self.stiffness)
         self._all = np.arange(mesh.node_capacity, dtype=np.int32)
@@ -135,6 +139,18 @@ class FiniteElement(MeshModel):
                 "one of them"
             )
 
+    def _why_not_sewn(self) -> str:
+        """Why there can be no stitches; "" if there can."""
+        if self.values["interest_radius"]:
+            return "interest_radius knows no stitches: outside of the region all is precomputed"
+        if self.values["direct"]:
+            return "direct = 1 knows no stitches: its factors are those of unsewn tissue"
+        return ""
+
+    def sewing_refusal(self) -> str:
+        """A region of interest refuses stitches; direct factors end with the first of them."""
+        return self._why_not_sewn() if self.values["interest_radius"] else ""
+
     @property
     def idle(self) -> bool:
         """Whether everything is solved for the present pose."""
@@ -160,6 +176,7 @@ class FiniteElement(MeshModel):
         if not any(self._solver.active):
             if self.responses.changed:
                 self._show(state)
+            self._renew_stitches(state)
             return
         if self._direct is not None and self._direct.go_on():
             self._solve_directly(self._direct)
@@ -170,6 +187,18 @@ class FiniteElement(MeshModel):
         for lane in np.flatnonzero(self._solver.active).tolist():
             if self._solved(lane, state):
                 self._finish(lane)
+        self._renew_stitches(state)
+
+    def _renew_stitches(self, state: State) -> None:
+        """Take the rest edges of stitches anew once the shape is corrected for those before."""
+        if not len(self._stitches) or not self._corrected:
+            return
+        tolerance, least = self.values["tolerance"], self.values["rest_tolerance"]
+        renewed = self._stitches.renew(state.displacement, tolerance, least)
+        if renewed == "load":
+            self._corrected = False
+        elif renewed:
+            self._restart_at(state)
 
     def _solve_directly(self, direct: DirectSolver | RegionSolver) -> None:
         """Solve one motion, or correct the shape."""
@@ -216,6 +245,10 @@ class FiniteElement(MeshModel):
     def _begin_lane(self, lane: int, work: Work, shape: NDArray[np.floating]) -> None:
         self._work[lane] = work
         self._solver.begin(lane, shape, change=work is Work.CORRECTION)
+        if work is Work.CORRECTION and len(self._stitches):
+            nodes = self._stitches.nodes
+            free = ~np.isin(nodes, self._prescribed)
+            self._solver.load(lane, nodes[free], self._stitches.load[free])
         self._until_forces = 0
 
     def _restart_at(self, state: State) -> None:
@@ -275,6 +308,7 @@ class FiniteElement(MeshModel):
         if self.corotated is not None:
             self.corotated.prescribed_changed(state, held)
             return
+        self._stitches.sew(state.displacement)
         arrays = self.springs.arrays
         patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
         self.responses.restart(state, held, patches)
@@ -314,6 +348,7 @@ class FiniteElement(MeshModel):
             self.corotated.follow(change, state)
             return
         self.stiffness.follow(change)
+        self._stitches.sew(state.displacement)
         if self._direct is not None and (why := self._direct.follow(change)):
             self._direct = None
             self.events.append(f"finite_element: {why}")
@@ -329,7 +364,9 @@ class FiniteElement(MeshModel):
         for lane in range(LANES):
             self._leave(lane)
         # Seen from rest, the present shape is the first guess of the first motion's response.
-        self._corrected = self._guessed = self.responses.from_rest
+        self._guessed = self.responses.from_rest
+        # Stitches pull at rest too.
+        self._corrected = self._guessed and not len(self._stitches)
         self._foresees = bool(self.values["foresight"])
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -338,12 +375,15 @@ class FiniteElement(MeshModel):
             return self.corotated.forces(state, rows)
         out = np.zeros((len(rows), 3))
         forces_at(np.asarray(rows, np.int32), self.stiffness.rows, state.displacement, out)
-        return out
+        return out + self._stitches.load_at(rows)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free node [N]."""
         if self.corotated is not None:
             return self.corotated.largest_residual(state)
         free = self._all[: self.mesh.node_rows][~state.prescribed[: self.mesh.node_rows]]
+        sewn = free[np.isin(free, self._stitches.nodes)]
+        free = np.setdiff1d(free, sewn)
         _, largest = squared_forces(free, self.stiffness.rows, state.displacement)
-        return math.sqrt(largest)
+        of_sewn = (self.forces(state, sewn) ** 2).sum(axis=1).max(initial=0.0)
+        return math.sqrt(max(largest, float(of_sewn)))

@@ -31,7 +31,8 @@ class Homing:
     springs resist, momentum makes many times more of it. Parts without a fixed node lie well
     wherever they are and are left alone.
 
-    A cut leaves the rest shape as it is, and closes again if nothing is held.
+    A cut leaves the rest shape as it is, and closes again if nothing is held. What is sewn is not
+    led home: stitches keep it elsewhere.
     """
 
     def __init__(self, springs: SpringNetwork) -> None:
@@ -76,7 +77,7 @@ class Homing:
 
         Modifies the state and `last_move` in place.
         """
-        if not self._free:
+        if not self._free or len(self._springs.stitches):
             return
         self._sweeps += 1
         if self._sweeps > PATIENCE:
@@ -89,4 +90,5 @@ class Homing:
     def is_away(self, state: State) -> bool:
         """Whether nothing is held and anchored tissue is not where it was at rest."""
         far = np.abs(state.displacement[self._anchored])
-        return self._free and bool(far.size) and float(far.max()) > AWAY
+        free = self._free and not len(self._springs.stitches)
+        return free and bool(far.size) and float(far.max()) > AWAY

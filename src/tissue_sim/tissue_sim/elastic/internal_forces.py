@@ -29,6 +29,10 @@ WITHIN = 64
 RAMP = 0.25
 """Share of inversion from which inverted elements have the full pressure."""
 
+KICK = 2.0
+"""Times its stiffness that a stitch counts for stability: threads that go slack and taut within a
+step kick, and lips that were pulled together hard kept jumping with less."""
+
 PARAMETERS = (
     Parameter(
         "turning_pressure", 0.2, 0.0, 1.0, "",
@@ -125,8 +129,8 @@ class InternalForces:
 
     @property
     def plain(self) -> bool:
-        """Whether all there is now are linear springs, for which `kernels.springs` is quicker."""
-        return self.linear and not self.inverted
+        """Whether there are linear springs only, for which `kernels.springs` is quicker."""
+        return self.linear and not self.inverted and not len(self.springs.stitches)
 
     def look(self, u: NDArray[np.floating]) -> None:
         """Look for inverted elements in the next part of the mesh; once before every step."""
@@ -176,6 +180,7 @@ class InternalForces:
             )
         if self.home:
             add_home_forces(mesh.node_rows, self._home, u, F)
+        springs.stitches.add_forces(u, F)
 
     def largest(self, F: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> float:
         """Largest of the forces `F` on a free node [N]."""
@@ -188,8 +193,12 @@ class InternalForces:
         over the node's mass bounds the squared angular frequency of every oscillation.
         """
         half = self.springs.node_stiffness(nodes)
-        if self.linear:
-            return half
+        if not self.linear:
+            self._add_stiffness(nodes, half)
+        return half + KICK * self.springs.stitches.node_stiffness(nodes)
+
+    def _add_stiffness(self, nodes: NDArray[np.int32], half: NDArray[np.float64]) -> None:
+        """Add what a law and other forces than springs' resist. Modifies `half` in place."""
         half *= self.law.slopes()[1]
         if self.volume:
             sums = np.zeros(self.mesh.node_capacity)
@@ -199,7 +208,6 @@ class InternalForces:
             half += self.torsion.node_stiffness(nodes)
         if self.home:
             half += 0.5 * self._home_stiffness()[nodes]
-        return half
 
     def follow(self, change: EditChange) -> str:
         """Follow an edit, after the springs have: a cut ends the home forces.
@@ -212,7 +220,7 @@ class InternalForces:
         if extra > 0:
             self._list = np.concatenate([self._list, np.zeros(extra, dtype=np.int32)])
             self._listed = np.concatenate([self._listed, np.zeros(extra, dtype=np.bool_)])
-        if not self.home:
+        if not self.home or not len(change.elements):
             return ""
         self.home = 0.0
         return (

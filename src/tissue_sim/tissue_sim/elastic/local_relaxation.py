@@ -60,6 +60,7 @@ class LocalRelaxation(SpringModel):
         self._sweeps = int(self.values["sweeps"])
         self._step = self.scalar(self.values["step"])
         self._outside = 0
+        self._longest = self.springs.stitches.threads.length
 
     @property
     def idle(self) -> bool:
@@ -70,12 +71,26 @@ class LocalRelaxation(SpringModel):
         """The sweeps and one run of relaxation. Modifies the state in place."""
         for _ in range(self._sweeps):
             self.active.sweep(state, self._step)
-        self._outside = self.relaxation.run(state)
+        self._outside = self.relaxation.run(state, self._limits(state))
+
+    def _limits(self, state: State) -> NDArray[np.float64]:
+        """Stitches of swept nodes have no limits; others may not get longer than they were then."""
+        stitches = self.springs.stitches
+        if not len(stitches):
+            return self._longest
+        swept = self.active.moving_sewn(state)
+        place = np.full(self.mesh.node_capacity, False)
+        place[stitches.nodes] = swept
+        elastic = place[stitches.threads.ends].any(axis=1)
+        now = stitches.lengths(state.displacement)
+        self._longest = np.where(elastic, np.maximum(now, stitches.threads.length), self._longest)
+        return np.where(elastic, np.inf, self._longest)
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order nodes and springs anew from the held nodes."""
         self.active.prescribed_changed(state, held)
         self.relaxation.prescribed_changed(self.active.ordering)
+        self._remember_lengths(state)
 
     def nodes_placed(self, nodes: NDArray[np.int32]) -> None:
         """Forget the last moves of nodes that were put elsewhere."""
@@ -86,6 +101,13 @@ class LocalRelaxation(SpringModel):
         springs = self.springs.follow(change)
         self.active.follow(change, state)
         self.relaxation.follow(springs)
+        self._remember_lengths(state)
+
+    def _remember_lengths(self, state: State) -> None:
+        """Stitches may stay as long as they are now, until they are swept."""
+        stitches = self.springs.stitches
+        now = stitches.lengths(state.displacement)
+        self._longest = np.maximum(now, stitches.threads.length)
 
     def residual(self, state: State) -> float:
         """Largest internal force on a free active node [N]."""

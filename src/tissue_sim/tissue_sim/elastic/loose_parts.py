@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, csgraph
 
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.mesh import Mesh
@@ -37,6 +38,13 @@ class LooseParts:
         self._count, self._label = connected_components(
             mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
         )
+        if len(mesh.sutures):
+            # What is sewn together hangs together.
+            ends = self._label[mesh.sutures.nodes]
+            shape = (self._count, self._count)
+            joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape)
+            self._count, whole = csgraph.connected_components(joined, directed=False)
+            self._label = np.append(whole, -1)[self._label]
 
     def follow_prescribed(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
         """Find which parts are loose.

@@ -94,6 +94,10 @@ class MeshModel(ABC):
         """Why an edit is not possible; see `Model`. A model that follows all of them says so."""
         return ""
 
+    def sewing_refusal(self) -> str:
+        """Why an edit that makes or changes sutures is not possible; "" if it is; see `Model`."""
+        return ""
+
     @abstractmethod
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; see `Model`."""

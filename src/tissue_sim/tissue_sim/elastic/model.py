@@ -250,6 +250,9 @@ class Model(Protocol):
     def refusal(self, nodes: NDArray[np.int32]) -> str:
         """Why an edit that changes the elements of these nodes is not possible; "" if it is."""
 
+    def sewing_refusal(self) -> str:
+        """Why an edit that makes or changes sutures is not possible; "" if it is."""
+
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; follow in time proportional to it."""
 

@@ -18,9 +18,9 @@ class NodeOrdering:
     """Nodes in breadth-first order from sources, level by level.
 
     Nodes that cannot be reached come last, by row.
-    The search goes along springs and does not enter prescribed nodes that are no sources: nothing
-    gets past a node that does not move. An edit keeps the levels: a copy takes its parent's level
-    and follows it in the order.
+    The search goes along springs and stitches and does not enter prescribed nodes that are no
+    sources: nothing gets past a node that does not move. An edit keeps the levels: a copy takes its
+    parent's level and follows it in the order.
 
     Attributes:
         nodes: Node rows in order; valid in [0, used), uint32.
@@ -69,7 +69,7 @@ class NodeOrdering:
         self.level[:] = UNREACHED
         self._ranked = False
         self._reached, self.levels = orderings.breadth_first(
-            sources, arrays.start, arrays.degree, arrays.neighbour, prescribed,
+            sources, arrays.start, self.springs.links, arrays.neighbour, prescribed,
             depth, self.level, self.nodes, self._level_start,
         )  # fmt: skip
         if depth < WHOLE_ORGAN:

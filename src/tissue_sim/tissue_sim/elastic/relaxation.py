@@ -18,6 +18,9 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.relaxation import Nodes, relax_springs
 from tissue_sim.kernels.vectors import ROW
 
+SETTLED = 1e-8
+"""Moves of sewn nodes up to which stitches count as within their limits [m]."""
+
 PASSES = Parameter("passes", 1, 1, 100, "", "relaxation passes in a step", integer=True)
 FULL_EXCESS = Parameter(
     "full_excess", 0, 0, 1, "",
@@ -54,13 +57,19 @@ class RelaxationPass:
         self._nodes = _nodes(springs)
         self._look_at_all = True
 
-    def run(self, state: State) -> int:
+    def run(self, state: State, limits: NDArray[np.float64] | None = None) -> int:
         """The passes of one step. Modifies the state in place.
 
+        Args:
+            state: Displacements and prescribed nodes.
+            limits: Longest length of each stitch [m]; None: its rest length.
+
         Returns:
-            Number of springs that the last pass found outside their limits.
+            Number of springs that the last pass found outside their limits, and 1 more if stitches
+            were.
         """
-        outside = self.looked = 0
+        stitches = self.springs.stitches
+        outside = self.looked = moved = 0
         for _ in range(self._passes):
             # Another order may list springs that the one before did not.
             look_at_all = self.order.advance() or self._look_at_all
@@ -71,7 +80,11 @@ class RelaxationPass:
                 self.springs.tiny, self._nodes, state.displacement,
             )  # fmt: skip
             self.looked += int(looked)
-        return int(outside)
+            if len(stitches):
+                longest = stitches.threads.length if limits is None else limits
+                far = stitches.limit(longest, state.prescribed, state.displacement)
+                moved = int(far > SETTLED**2)
+        return int(outside) + moved
 
     def complete_order(self) -> None:
         """Make a new order at once where nobody waits for a frame."""
@@ -122,6 +135,8 @@ def _nodes(springs: SpringNetwork) -> Nodes:
 
 class Relaxation(SpringModel):
     """Every spring outside [l0 (1 - eps), l0 (1 + eps)] is put at that limit, half by each end.
+
+    After each pass stitches longer than at rest are put at their rest length.
 
     Limitations: no forces; what lies within the limits does not return to rest; see
     docs/relaxation.md.

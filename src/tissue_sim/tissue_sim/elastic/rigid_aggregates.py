@@ -96,7 +96,7 @@ class RigidAggregates:
 
     def _factorise(self, stiffness: Stiffness) -> BlockFactors:
         mesh, arrays = stiffness.springs.mesh, stiffness.springs.arrays
-        degree = arrays.degree[: mesh.node_rows].astype(np.int64)
+        degree = stiffness.springs.links[: mesh.node_rows].astype(np.int64)
         begin = np.repeat(arrays.start[: mesh.node_rows] - (np.cumsum(degree) - degree), degree)
         ends = np.repeat(np.arange(mesh.node_rows), degree), begin + np.arange(degree.sum())
         first, second = self.label[ends[0]], self.label[arrays.neighbour[ends[1]]]

@@ -31,4 +31,5 @@ class SpringModel(MeshModel):
                     np.asarray(rows, dtype=np.int32), springs.arrays, springs.torsion.arrays,
                     state.displacement, springs.tiny, out,
                 )  # fmt: skip
+            out += springs.stitches.forces(state.displacement, rows)
         return out

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
 from tissue_sim.elastic.sheet_springs import categories_of, sheet_edges
+from tissue_sim.elastic.stitches import Stitches
 from tissue_sim.elastic.torsion import TorsionSprings
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.incidence import sorted_unique
@@ -59,6 +60,11 @@ class SpringNetwork:
         categories: Category of each spring of a sheet (`geometry.sheet.CATEGORIES`), by row; empty
             for tetrahedra, whose springs are all alike.
         torsion: Torsion springs of a sheet; None: it has none.
+        stitches: The mesh's sutures, which are no springs of the lists: models carry them besides.
+        links: Entries of each node's list: its springs and, behind them, its stitches (which have
+            no stiffness there). Who asks for neighbours, or wants a place for each, takes this in
+            place of `arrays.degree`.
+        stitch_places: Place in the lists of both ends of each stitch, shape (n, 2).
         version: Version of the mesh that the network is in step with.
 
     References:
@@ -94,6 +100,8 @@ class SpringNetwork:
         self.springs, self.rows = self._build_rows()
         self._lists, self._used = self._build_lists()
         networks.fill_lists(self.springs, self.rows, self._lists)
+        self.stitches = Stitches(mesh)
+        self._list_stitches()
         self._expose()
         self.torsion = TorsionSprings.of(mesh, material, dtype)
         if self.torsion is not None:
@@ -154,6 +162,8 @@ class SpringNetwork:
             self.categories = np.concatenate([self.categories, categories_of(self.mesh, made)])
         if self.torsion is not None:
             self.torsion.follow(change, self._rest)
+        self.stitches.follow()
+        self._list_stitches()
         self.version = version
         self.last_change = SpringChange(version, rows, kinds)
         return self.last_change
@@ -180,6 +190,40 @@ class SpringNetwork:
         # An undo of this edit gives them their rows back.
         self._buried[change.edit.version] = gone[np.lexsort((ends[:, 1], ends[:, 0]))]
         return kinds, rows
+
+    def _list_stitches(self) -> None:
+        """Enter the stitches at both of their ends, behind the springs."""
+        self.links = self._lists.degree
+        ends = self.stitches.threads.ends
+        self.stitch_places = np.empty((len(ends), 2), dtype=np.int64)
+        if not len(ends):
+            return
+        self.links = self.links.copy()
+        nodes, counts = np.unique(ends, return_counts=True)
+        for node, count in zip(nodes.tolist(), counts.tolist(), strict=True):
+            self._reserve_at(node, count)
+        lists = self._lists
+        for thread, (first, second) in enumerate(ends.tolist()):
+            for end, (node, other) in enumerate(((first, second), (second, first))):
+                place = int(lists.start[node]) + int(self.links[node])
+                lists.neighbour[place], lists.spring[place] = other, -1
+                lists.stiffness[place], lists.length[place] = 0.0, 1.0
+                self.stitch_places[thread, end] = place
+                self.links[node] += 1
+
+    def _reserve_at(self, node: int, more: int) -> None:
+        """Make room for more entries at a node; a list that is full moves to the end."""
+        used = int(self._lists.degree[node])
+        if used + more <= int(self._lists.room[node]):
+            return
+        room = max(8, 2 * (used + more))
+        while self._used + room > len(self._lists.neighbour):
+            self._make_room()
+        lists, begin = self._lists, int(self._lists.start[node])
+        for array in (lists.neighbour, lists.spring, lists.stiffness, lists.length):
+            array[self._used : self._used + used] = array[begin : begin + used]
+        lists.start[node], lists.room[node] = self._used, room
+        self._used += room
 
     @property
     def elements(self) -> networks.Elements:

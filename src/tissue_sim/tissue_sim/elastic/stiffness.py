@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.material_field import lame_constants
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.edit import EditChange
+from tissue_sim.kernels.corotation import invert_diagonals
 from tissue_sim.kernels.stiffness import BlockRows, assemble_rows
 
 __all__ = ["Stiffness", "lame_constants"]
@@ -15,6 +16,8 @@ __all__ = ["Stiffness", "lame_constants"]
 
 class Stiffness:
     """3x3 blocks in the places of the spring network's lists: an edge of the mesh is a block.
+
+    So is a stitch, whose blocks are for whoever carries stitches to write (`set_stitches`).
 
     Linear tetrahedra of the network's material; see docs/finite_element.md and docs/materials.md.
 
@@ -34,7 +37,7 @@ class Stiffness:
     def rows(self) -> BlockRows:
         """The matrix for the kernels; edits may replace the arrays."""
         arrays = self.springs.arrays
-        return BlockRows(arrays.start, arrays.degree, arrays.neighbour, self._blocks)
+        return BlockRows(arrays.start, self.springs.links, arrays.neighbour, self._blocks)
 
     def follow(self, change: EditChange) -> None:
         """Assemble the rows an edit touched; the network must have followed it before."""
@@ -47,6 +50,20 @@ class Stiffness:
             more = np.zeros((extra, 9), dtype=self.inverse.dtype)
             self.inverse = np.concatenate([self.inverse, more])
         self._assemble(change.nodes)
+
+    def set_stitches(self, blocks: NDArray[np.float64]) -> None:
+        """Write the blocks of all stitches, symmetric ones, and the inverses that depend on them.
+
+        Args:
+            blocks: Off-diagonal blocks [N/m], shape (stitches, 9).
+        """
+        for end in (0, 1):
+            self._blocks[self.springs.stitch_places[:, end]] = blocks
+        self._invert_at(self.springs.stitches.nodes)
+
+    def _invert_at(self, nodes: NDArray[np.int32]) -> None:
+        """Invert the diagonal blocks of nodes with elements anew."""
+        invert_diagonals(nodes, self.rows, self.inverse)
 
     def _assemble(self, nodes: NDArray[np.int32]) -> None:
         springs = self.springs

@@ -124,6 +124,9 @@ class VertexBlockDescent(MeshModel):
                 moved, along = problem.sweep(
                     state, order.nodes, 0, order.used, share, pace.unfolding
                 )
+            if len(self.springs.stitches):
+                free = ~state.prescribed[self.springs.stitches.nodes]
+                moved = max(moved, problem.sweep_sewn(state, free, pace.unfolding))
             if moved <= problem.controls.tolerance:
                 break
             pace.judge(along)
@@ -169,7 +172,8 @@ class VertexBlockDescent(MeshModel):
         force, _ = self.problem.largest(
             state, self.active.ordering.nodes, self.active.ordering.used
         )
-        return math.sqrt(force)
+        free = ~state.prescribed[self.springs.stitches.nodes]
+        return math.sqrt(max(force, self.problem.largest_sewn(state, free)[0]))
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         """Internal elastic forces on nodes [N], shape (len(rows), 3)."""

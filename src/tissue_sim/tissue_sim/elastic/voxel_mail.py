@@ -27,6 +27,8 @@ class VoxelMail(ForcelessModel):
     A step puts the voxels near held nodes at their mean, propagates from those that moved, relaxes
     every displaced voxel towards the mean of its neighbours, and puts the nodes that are not
     prescribed at the trilinear mean of their voxels. Prescribed nodes themselves are never moved.
+    Stitches that are then longer than at rest are put at their rest length, with the voxels that
+    carry their ends.
 
     Limitations: no forces; nothing finer than the spacing is resolved; links are along the axes at
     rest, so that tissue turned as a whole is turned back. See docs/chain_mail.md.
@@ -90,7 +92,32 @@ class VoxelMail(ForcelessModel):
         if rested and not self._chains.visits:
             return
         follow(self.mesh.node_rows, lattice.corner, lattice.weight, state.prescribed, v, u)
-        self._left_behind = False
+        self._left_behind = bool(len(self.springs.stitches)) and self._pull_threads(state)
+
+    def _pull_threads(self, state: State) -> bool:
+        """Put stitches longer than at rest at their rest length, and their voxels along with them.
+
+        Modifies the state. Whether anything moved.
+        """
+        stitches, u, v = self.springs.stitches, state.displacement, self.displacement
+        nodes, lattice = stitches.nodes, self.lattice
+        before = u[nodes].copy()
+        stitches.limit(stitches.threads.length, state.prescribed, u)
+        moves = u[nodes] - before
+        if np.abs(moves).max() <= self.values["rest_tolerance"]:
+            return False
+        corner = lattice.corner[nodes]
+        share = lattice.weight[nodes] * ~self._prescribed[corner]
+        # The least motion of voxels that moves the node by so much; of several nodes, the mean.
+        reach = (share * share).sum(axis=1)
+        each = moves / np.where(reach > 0.0, reach, np.inf)[:, None]
+        total, weight = np.zeros_like(v), np.zeros(len(v))
+        np.add.at(total, corner, (share * share)[:, :, None] * each[:, None, :])
+        np.add.at(weight, corner, share)
+        voxels = np.flatnonzero(weight > 0.0).astype(np.int32)
+        v[voxels] += (total[voxels] / weight[voxels, None]).astype(v.dtype)
+        self._chains.doubt(voxels)
+        return True
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Prescribe the voxels near held and fixed nodes; those let go of may be beyond limits.

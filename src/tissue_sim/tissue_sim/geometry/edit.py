@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.sutures import Sutures, why_not
+
 PROVISIONAL = 1 << 31
 """First provisional id."""
 
@@ -70,6 +72,14 @@ class TopologyEdit:
         returned_like: Ids of the nodes they are displaced like, shape (b,); its own id: as it was.
         returned_elements: Ids of removed elements that come back as they were, shape (e,). Only an
             undo has some.
+        added_sutures: Ids of new sutures, shape (s,).
+        suture_nodes: Ids of the nodes at their ends, shape (s, 2).
+        suture_lengths: Their rest lengths [m], shape (s,).
+        suture_stiffness: Their stiffnesses [N/m], shape (s,).
+        suture_groups: Id of the first suture of the thread that each belongs to, shape (s,).
+        removed_sutures: Ids of sutures that are taken out, shape (o,).
+        changed_sutures: Ids of sutures that get another rest length, shape (l,).
+        changed_lengths: Those rest lengths [m], shape (l,).
         reverts: Version of the edit that an undo takes back, or of the undo that a redo takes back.
         version: Version the edit made; 0 while it is only a plan.
         author: Client id of the request.
@@ -98,6 +108,14 @@ class TopologyEdit:
     returned_nodes: NDArray[np.uint32] = field(default_factory=_ids)
     returned_like: NDArray[np.uint32] = field(default_factory=_ids)
     returned_elements: NDArray[np.uint32] = field(default_factory=_ids)
+    added_sutures: NDArray[np.uint32] = field(default_factory=_ids)
+    suture_nodes: NDArray[np.uint32] = field(default_factory=lambda: _ids(2))
+    suture_lengths: NDArray[np.float64] = field(default_factory=_reals)
+    suture_stiffness: NDArray[np.float64] = field(default_factory=_reals)
+    suture_groups: NDArray[np.uint32] = field(default_factory=_ids)
+    removed_sutures: NDArray[np.uint32] = field(default_factory=_ids)
+    changed_sutures: NDArray[np.uint32] = field(default_factory=_ids)
+    changed_lengths: NDArray[np.float64] = field(default_factory=_reals)
     reverts: int = 0
     version: int = 0
     author: str = ""
@@ -108,6 +126,12 @@ class TopologyEdit:
         """Whether it brings things back, which only the history of a mesh can plan."""
         back = len(self.merged_nodes) + len(self.returned_nodes) + len(self.returned_elements)
         return self.kind in (UNDO, REDO) or back > 0
+
+    @property
+    def sews(self) -> bool:
+        """Whether it makes, removes or changes sutures."""
+        changed = len(self.removed_sutures) + len(self.changed_sutures)
+        return len(self.added_sutures) + changed > 0
 
 
 _SHAPES = (
@@ -120,6 +144,11 @@ _SHAPES = (
     ("added_elements", "added_parents", 0),
     ("merged_nodes", "merged_into", 0),
     ("returned_nodes", "returned_like", 0),
+    ("added_sutures", "suture_nodes", 2),
+    ("added_sutures", "suture_lengths", 0),
+    ("added_sutures", "suture_stiffness", 0),
+    ("added_sutures", "suture_groups", 0),
+    ("changed_sutures", "changed_lengths", 0),
 )
 
 
@@ -143,6 +172,9 @@ def refuse_malformed(edit: TopologyEdit) -> None:
     moved = np.sort(edit.moved_nodes)
     if (moved[1:] == moved[:-1]).any():
         raise EditError("a node is moved twice in one edit")
+    lengths = np.concatenate([edit.suture_lengths, edit.changed_lengths])
+    if why := why_not(lengths, edit.suture_stiffness):
+        raise EditError(why)
 
 
 @dataclass(frozen=True)
@@ -164,8 +196,8 @@ class EditChange:
         new_elements: Node rows after, shape (e, 4); -1 where it was removed.
         neighbours: Sorted rows of the elements that met a moved node or one that others vanish
             into, those rewritten or removed included, shape (n,).
-        nodes: Sorted rows of every node whose incident elements or rest position changed, the nodes
-            of all `neighbours` included, shape (k,).
+        nodes: Sorted rows of every node whose incident elements, rest position or sutures changed,
+            the nodes of all `neighbours` included, shape (k,).
         vanished_nodes: Sorted rows of the nodes that are no more, shape (v,).
         merged_nodes: Rows of those that vanished into others, shape (m,).
         merged_into: Rows of the nodes they vanished into, shape (m,).
@@ -173,6 +205,9 @@ class EditChange:
         returned_like: Rows of the nodes they are displaced like, shape (b,).
         returned_offsets: Their rest positions minus those of the nodes they are displaced like,
             both before the edit [m], shape (b, 3).
+        lost_sutures: Sutures that were there before, those removed and those whose nodes vanished.
+        released: Ids of the latter, shape (r,).
+        old_lengths: Rest lengths [m] of the sutures changed before the edit, shape (l,).
     """
 
     edit: TopologyEdit
@@ -193,6 +228,9 @@ class EditChange:
     returned_nodes: NDArray[np.int32]
     returned_like: NDArray[np.int32]
     returned_offsets: NDArray[np.float64]
+    lost_sutures: Sutures = field(default_factory=Sutures)
+    released: NDArray[np.uint32] = field(default_factory=_ids)
+    old_lengths: NDArray[np.float64] = field(default_factory=_reals)
 
     @property
     def stays(self) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tissue_sim.geometry.edit import (
     PROVISIONAL,
     REDO,
+    UNDO,
     EditError,
     StaleEditError,
     TopologyEdit,
@@ -21,6 +22,7 @@ from tissue_sim.geometry.incidence import among, sorted_unique
 from tissue_sim.geometry.look_up import any_changed
 from tissue_sim.geometry.quality import count_flat
 from tissue_sim.geometry.sheet_edit import count_without_size, item_nodes, refuse_bad_items
+from tissue_sim.geometry.suture_edit import Stitching, stitching_of
 
 if TYPE_CHECKING:
     from tissue_sim.geometry.mesh import Mesh
@@ -42,6 +44,7 @@ class CheckedEdit:
             merged_nodes, merged_into, returned_nodes, returned_like, returned_elements: Rows of
             what the edit names.
         elements, old_elements, new_elements, neighbours, nodes: As in `EditChange`.
+        stitching: What it does to the sutures.
     """
 
     edit: TopologyEdit
@@ -64,6 +67,7 @@ class CheckedEdit:
     returned_nodes: Rows
     returned_like: Rows
     returned_elements: Rows
+    stitching: Stitching
 
 
 def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
@@ -127,7 +131,10 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     neighbours = mesh.incident.of_all(np.concatenate([shifted, into]))
     around = mesh.tets[neighbours[~among(neighbours, elements)]]
     _refuse_flat(mesh, moved, edit.moved_rest, nodes.rows, parents, np.concatenate([around, named]))
-    touched = np.concatenate([old.ravel(), new.ravel(), around.ravel(), moved])
+    stitching = stitching_of(mesh.sutures, edit, again or edit.kind == UNDO, nodes_of)
+    touched = np.concatenate(
+        [old.ravel(), new.ravel(), around.ravel(), moved, stitching.nodes.ravel()]
+    )
     applied = replace(
         edit,
         version=mesh.version + 1,
@@ -136,11 +143,14 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
         rewritten_nodes=rewritten_to.astype(np.uint32),
         added_elements=added.rows.astype(np.uint32),
         added_nodes=added_to.astype(np.uint32),
+        added_sutures=stitching.added.ids,
+        suture_nodes=stitching.added.nodes.astype(np.uint32),
+        suture_groups=stitching.added.groups,
     )
     return CheckedEdit(
         edit, mesh.version, applied, moved, anchors, nodes.rows, parents, removed, added.rows,
         born_of, elements, old, new, neighbours, sorted_unique(touched[touched != NO_ROW]),
-        merged, into, back, like, elements_back,
+        merged, into, back, like, elements_back, stitching,
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from tissue_sim.geometry.edit import REDO, UNDO, EditChange, EditError, Topology
 from tissue_sim.geometry.incidence import among
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.pull_back import find_anchors
+from tissue_sim.geometry.sutures import Sutures
 
 Rows = NDArray[np.int32]
 
@@ -31,6 +32,8 @@ class Step:
         old_rest: Rest positions of the moved nodes before it [m], shape (m, 3).
         old_nodes: Node rows of the rewritten elements before it, shape (r, 4).
         vanished: Rows of the nodes that vanished with it, shape (v,).
+        lost_sutures: Sutures that it took out or released.
+        old_lengths: Rest lengths of the sutures it changed before it [m], shape (l,).
     """
 
     edit: TopologyEdit
@@ -39,6 +42,8 @@ class Step:
     old_rest: NDArray[np.float64]
     old_nodes: Rows
     vanished: Rows
+    lost_sutures: Sutures = field(default_factory=Sutures)
+    old_lengths: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 class EditHistory:
@@ -71,9 +76,11 @@ class EditHistory:
             nobody = np.empty(0, dtype=np.uint32)
             kept = replace(edit, read_nodes=nobody, read_elements=nobody)
             old_nodes = change.old_elements[: len(edit.rewritten_elements)]
-            self.done.append(
-                Step(kept, edit.version, 0, change.old_moved_rest, old_nodes, change.vanished_nodes)
-            )
+            step = Step(
+                kept, edit.version, 0, change.old_moved_rest, old_nodes, change.vanished_nodes,
+                change.lost_sutures, change.old_lengths,
+            )  # fmt: skip
+            self.done.append(step)
             self.undone.clear()
 
     @staticmethod
@@ -103,6 +110,7 @@ class EditHistory:
         merged = ~among(edit.copied_nodes, edit.moved_nodes)
         before = np.concatenate([step.old_nodes, mesh.tets[edit.removed_elements]])
         anchors, weights = _pull_back(mesh, step, moved, before)
+        lost = step.lost_sutures
         return TopologyEdit(
             base_version=mesh.version,
             kind=UNDO,
@@ -118,6 +126,14 @@ class EditHistory:
             returned_nodes=_ids(back),
             returned_like=_ids(_closest_living(mesh, back, before)),
             returned_elements=edit.removed_elements,
+            added_sutures=lost.ids,
+            suture_nodes=_ids(lost.nodes),
+            suture_lengths=lost.lengths,
+            suture_stiffness=lost.stiffness,
+            suture_groups=lost.groups,
+            removed_sutures=edit.added_sutures,
+            changed_sutures=edit.changed_sutures,
+            changed_lengths=step.old_lengths,
             reverts=step.made,
             author=author,
             request_id=request_id,

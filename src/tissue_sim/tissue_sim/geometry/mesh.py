@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import EditChange, TopologyEdit
 from tissue_sim.geometry.edit_check import NO_ROW, CheckedEdit, check_edit
-from tissue_sim.geometry.incidence import Incidence
+from tissue_sim.geometry.incidence import Incidence, sorted_unique
 from tissue_sim.geometry.look_up import living_rows
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import Sheet
 from tissue_sim.geometry.sheet_rows import SheetRows
+from tissue_sim.geometry.sutures import Sutures
+
+CHANGES_KEPT = 32
 
 
 class Mesh:
@@ -45,7 +49,10 @@ class Mesh:
             float32, shape (element_capacity, 3).
         incident: Element rows at each node row.
         sheet_rows: What the elements of a sheet are; None: tetrahedra.
+        sutures: Stitches between nodes.
         version: Grows with every edit; 1 when built.
+        changes: What the last edits touched, the newest last: for those who keep figures of the
+            mesh and follow it from time to time.
     """
 
     def __init__(
@@ -68,7 +75,9 @@ class Mesh:
         element_capacity = int(elements * (1 + spare)) + 1024
         self.name, self.source = raw.name, raw.source
         self.region_names = dict(raw.region_names)
+        self.sutures = raw.sutures
         self.version = 1
+        self.changes: deque[EditChange] = deque(maxlen=CHANGES_KEPT)
         self.node_rows, self.element_rows = nodes, elements
         self.rest = np.zeros((node_capacity, 3))
         self.rest[:nodes] = raw.points
@@ -211,15 +220,33 @@ class Mesh:
         if self.sheet_rows is not None:
             added = checked.added
             self.sheet_rows.enter(added, checked.added_parents, self.tets[added])
-        self.node_versions[checked.nodes] = self.version
+        vanished = self._bury_orphans(checked.nodes)
+        lost, released, nodes = self._sew(checked)
+        self.node_versions[nodes] = self.version
         self.element_versions[elements] = self.version
         self.element_versions[checked.neighbours] = self.version
-        vanished = self._bury_orphans(checked.nodes)
-        return EditChange(
+        change = EditChange(
             checked.applied, moved, checked.moved_anchors, edit.moved_weights, old_moved_rest,
-            copies, parents, elements, old, new, checked.neighbours, checked.nodes, vanished,
-            checked.merged_nodes, checked.merged_into, back, like, offsets,
+            copies, parents, elements, old, new, checked.neighbours, nodes, vanished,
+            checked.merged_nodes, checked.merged_into, back, like, offsets, lost, released,
+            checked.stitching.old_lengths,
         )  # fmt: skip
+        self.changes.append(change)
+        return change
+
+    def _sew(self, checked: CheckedEdit) -> tuple[Sutures, NDArray[np.uint32], NDArray[np.int32]]:
+        """Put the sutures in force; those lost, ids of those released, and all nodes touched."""
+        after, removed = checked.stitching.after, checked.stitching.removed
+        if not len(after):
+            self.sutures = after
+            return removed, after.ids, checked.nodes
+        whole = self.node_alive[after.nodes].all(axis=1)
+        released, self.sutures = (after.at(np.flatnonzero(part)) for part in (~whole, whole))
+        if not len(released):
+            return removed, released.ids, checked.nodes
+        ends = released.nodes.ravel()
+        nodes = sorted_unique(np.concatenate([checked.nodes, ends[self.node_alive[ends]]]))
+        return removed.joined(released), released.ids, nodes
 
     def _reserve(self, copies: NDArray[np.int32], added: NDArray[np.int32]) -> None:
         def longer(array: NDArray[Any], rows: int, fill: float) -> NDArray[Any]:

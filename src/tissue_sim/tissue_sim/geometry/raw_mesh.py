@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.sheet import Sheet
+from tissue_sim.geometry.sutures import Sutures
 
 
 def _no_triangles() -> NDArray[np.int64]:
@@ -41,6 +42,7 @@ class RawMesh:
         element_file_ids: Id of each tetrahedron in its file, shape (element_count,); empty: row.
         sheet: What the tissue is made of without tetrahedra (`geometry.sheet_geometry`); None: of
             tetrahedra, or not decided.
+        sutures: Stitches between its nodes.
         name: Short name of the geometry.
         source: File or generator it came from.
     """
@@ -56,5 +58,6 @@ class RawMesh:
     node_file_ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     element_file_ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     sheet: Sheet | None = None
+    sutures: Sutures = field(default_factory=Sutures)
     name: str = "mesh"
     source: str = ""
