@@ -6,8 +6,14 @@ import time
 
 import numpy as np
 
+from cut_service.burning import Burns, BurnSettings, Touch, plan_burn
 from cut_service.planner import METHODS, SHEET_METHOD, plan
+from cut_service.stress import element_material
 from cut_service.sweep import Sweep
+from cut_service.tearing import TearSettings, plan_tear
+from cut_service.unswept import work_without_sweep
+from tissue_sim.elastic.material_field import MaterialField
+from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.geometry.sheet_geometry import CONNECTED, SheetSettings, surface_of, with_sheet
@@ -34,7 +40,25 @@ def warm_up() -> float:
             far[2] = low[2]
             sweep = Sweep.between(np.array([low, middle]), np.array([far, high]))
             mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], sweep, method).edit)
+    _tear_and_burn(Mesh(tissue))
     return time.perf_counter() - begin
+
+
+def _tear_and_burn(mesh: Mesh) -> None:
+    """Tear a block that is pulled along x, and burn a piece of it."""
+    rest = mesh.rest[: mesh.node_rows]
+    pulled = rest * [1.5, 1.0, 1.0]
+    material = element_material(MaterialField(mesh, Material()))
+    work = work_without_sweep(mesh, pulled)
+    tear = plan_tear(work, material, TearSettings(threshold=1.0))
+    if tear.edit is not None:
+        mesh.apply(tear.edit)
+    places = mesh.rest[: mesh.node_rows]
+    middle = places.mean(axis=0)
+    size = float(np.ptp(places, axis=0).max())
+    touch = Touch(middle, 0.3 * size, 1e6)
+    gone = Burns().heat(mesh, places, [touch], BurnSettings(energy_density=1.0))
+    mesh.apply(plan_burn(work_without_sweep(mesh, places), gone))
 
 
 if __name__ == "__main__":
