@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from cut_service.neighbours import Links, has_node
-from cut_service.selection import crossed_elements
 from cut_service.sweep import Sweep
 from cut_service.sweep_kernels import EDGES, above_plane, line_inside
 
@@ -145,17 +144,21 @@ def _activate(
 
 
 def find_crossings(
-    links: Links, alive: NDArray[np.bool_], positions: NDArray[np.float64], sweep: Sweep
+    links: Links,
+    positions: NDArray[np.float64],
+    sweep: Sweep,
+    rows: NDArray[np.int32],
+    touched: NDArray[np.uint8],
 ) -> Crossings:
     """Find the edges that a sweep crosses, in the configuration given.
 
     Args:
         links: The mesh.
-        alive: Living elements, shape (element_rows,).
         positions: Node positions [m], shape (node_rows, 3).
         sweep: What crosses them.
+        rows: Elements with an edge that meets a triangle of the sweep, ascending, shape (n,).
+        touched: Those edges, bits in the order of `EDGES`, shape (n,).
     """
-    rows, touched = crossed_elements(links, alive, positions, sweep)
     pairs = links.tets[rows][:, EDGES]
     pairs = pairs[(touched[:, None] >> np.arange(6)) & 1 > 0].astype(np.int64)
     keys = np.unique(pairs.min(axis=1) * len(positions) + pairs.max(axis=1))

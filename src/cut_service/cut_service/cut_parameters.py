@@ -42,6 +42,20 @@ SPECS = (
         "vertex_reach", "double", 0.05,
         "subdivide: the same as a share of the organ's mean edge", minimum=0.0, maximum=0.45,
     ),
+    Spec(
+        "remove_degeneracies", "bool", True,
+        "whether elements that snapping or dividing has made flat or short are mended",
+    ),
+    Spec(
+        "wanted_ratio", "double", 0.2,
+        "radius ratio below which an element that a cut has made worse is mended",
+        minimum=0.01, maximum=0.5,
+    ),
+    Spec(
+        "wanted_length", "double", 0.4,
+        "the same of the length of its edges, as a share of the organ's mean edge",
+        minimum=0.01, maximum=0.7,
+    ),
     Spec("shapes_kept", "integer", 30, "frames a request can name", minimum=1, maximum=600),
     Spec("attempts", "integer", 3, "plans made before a cut fails as stale", minimum=1, maximum=10),
     Spec(
@@ -83,5 +97,8 @@ class CutParameters:
             smallest_piece=own.pop("smallest_piece"),
             vertex_share=own.pop("vertex_share"),
             vertex_reach=own.pop("vertex_reach"),
+            remove_degeneracies=own.pop("remove_degeneracies"),
+            wanted_ratio=own.pop("wanted_ratio"),
+            wanted_length=own.pop("wanted_length"),
         )
         return cls(settings=settings, **own)

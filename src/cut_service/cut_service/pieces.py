@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 
 from cut_service.neighbours import NOBODY, Links, across, corner_facing, has_node
 
+GOES_ON = 16
+"""Bit of an element, beside those of its faces in the cut: the mesh goes on behind it.
+
+A piece with such an element is large.
+"""
+
 
 @njit(cache=True, nogil=True)
 def piece_of(
@@ -22,6 +28,8 @@ def piece_of(
     while done < number and number <= limit:
         element = found[done]
         done += 1
+        if cut[element] & GOES_ON:
+            return limit + 1
         for corner in range(4):
             if cut[element] & (1 << corner):
                 continue

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from cut_service.neighbours import Links
 from cut_service.ungluing import Ungluing
 from cut_service.work import Work
-from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
 
@@ -98,12 +97,18 @@ def _copied(lists: Incidence, node_rows: int) -> Incidence:
     return copy
 
 
-def components_after(rebuilt: Rebuilt, ungluing: Ungluing) -> int:
+def components_after(work: Work, rebuilt: Rebuilt, ungluing: Ungluing) -> int:
     """Number of parts of the organ once the nodes have been copied."""
-    tets = rebuilt.links.tets.copy()
-    tets[ungluing.elements] = ungluing.nodes
-    nodes = ungluing.first_copy + len(ungluing.parents)
-    return connected_components(tets, rebuilt.alive, nodes)[0]
+    own = len(work.links.tets)
+    rows = np.union1d(
+        np.concatenate([rebuilt.removed, np.arange(own, len(rebuilt.links.tets))]),
+        ungluing.elements,
+    ).astype(np.int32)  # fmt: skip
+    new = rebuilt.links.tets[rows]
+    new[np.searchsorted(rows, ungluing.elements)] = ungluing.nodes
+    new[~rebuilt.alive[rows]] = -1
+    old = np.where((rows < own)[:, None], rebuilt.links.tets[rows], -1)
+    return work.surroundings.parts_after(rows, old, new)
 
 
 def edit_to(

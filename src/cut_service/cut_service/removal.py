@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
 from cut_service.neighbours import NOBODY, Links, across
-from cut_service.pieces import piece_of
+from cut_service.pieces import GOES_ON, piece_of
 from cut_service.quality import total_volume
 from cut_service.rebuilding import NewNodes, Rebuilt, components_after, edit_to
-from cut_service.selection import crossed_elements
-from cut_service.ungluing import unglue_at
-from cut_service.work import Plan, Report, Work, distance_of, face_nodes, missed
+from cut_service.ungluing import Ungluing, unglue_at
+from cut_service.work import Plan, Report, Work, distance_of, face_nodes
+from tissue_sim.geometry.edit import TopologyEdit
 
 
 @njit(cache=True, nogil=True)
@@ -25,17 +25,17 @@ def _small_pieces(
     links: Links,
     seeds: NDArray[np.int32],
     limit: int,
+    cut: NDArray[np.uint8],
     alive: NDArray[np.bool_],
     out: NDArray[np.int32],
 ) -> int:
     """Take pieces of at most `limit` elements out of `alive`, into `out`; their number."""
-    nothing = np.zeros(links.tets.shape[0], dtype=np.uint8)
     found = np.empty(limit + 1, dtype=np.int32)
     number = 0
     for seed in seeds:
         if not alive[seed]:
             continue
-        size = piece_of(links, nothing, seed, limit, found)
+        size = piece_of(links, cut, seed, limit, found)
         if size <= limit:
             for k in range(size):
                 alive[found[k]] = False
@@ -66,23 +66,10 @@ def remove(work: Work) -> Plan:
     """Plan to remove the elements that the sweep crosses.
 
     Raises:
-        CutError: The sweep crosses nothing, or everything.
+        CutError: The sweep crosses everything.
     """
-    crossed, _ = crossed_elements(work.links, work.alive, work.positions, work.sweep)
-    if not len(crossed):
-        raise missed()
-    removed = _with_crumbs(work, crossed)
-    rebuilt = _without(work, removed)
-    if not rebuilt.alive.any():
-        raise CutError(
-            CutCode.REFUSED,
-            f"the sweep crosses all {len(removed)} elements; removing them would leave no tissue",
-        )
-    nodes = np.unique(work.links.tets[removed])
-    none = np.zeros(len(rebuilt.links.tets), dtype=np.uint8)
-    ungluing = unglue_at(rebuilt.links, none, nodes, work.mesh.node_rows)
-    read = work.mesh.incident.of_all(nodes)
-    edit = edit_to(work, rebuilt, ungluing, "remove", nodes, read)
+    crossed = work.surroundings.crossed
+    removed, rebuilt, ungluing, edit = take_out(work, crossed, "remove")
     faces = np.empty((4 * len(removed), 2), dtype=np.int32)
     faces = faces[: _bare(work.links, removed, rebuilt.alive, faces)]
     corners = work.positions[face_nodes(work.links, faces)]
@@ -93,7 +80,7 @@ def remove(work: Work) -> Plan:
         faces_split=len(faces),
         nodes_added=len(edit.copied_nodes),
         nodes_moved=0,
-        components=components_after(rebuilt, ungluing),
+        components=components_after(work, rebuilt, ungluing),
         distance_before=distance,
         distance_after=distance,
         volume_change=-total_volume(work.rest, work.links.tets, lost),
@@ -102,6 +89,37 @@ def remove(work: Work) -> Plan:
         elements_removed=len(removed),
     )
     return Plan(edit, report, corners)
+
+
+def take_out(
+    work: Work, elements: NDArray[np.int32], kind: str
+) -> tuple[NDArray[np.int32], Rebuilt, Ungluing, TopologyEdit]:
+    """Plan to remove elements, and the small pieces that would come loose without them.
+
+    Args:
+        work: The plan's.
+        elements: Rows of the elements, ascending, shape (n,).
+        kind: What makes the edit.
+
+    Returns:
+        Rows of all that go; the mesh without them; the nodes copied where what stays hangs together
+        by a node or an edge only; the edit.
+
+    Raises:
+        CutError: Nothing would be left.
+    """
+    removed = _with_crumbs(work, elements)
+    rebuilt = _without(work, removed)
+    if not rebuilt.alive.any() and (work.around is None or work.around.is_all):
+        raise CutError(
+            CutCode.REFUSED,
+            f"all {len(removed)} elements would go; removing them would leave no tissue",
+        )
+    nodes = np.unique(work.links.tets[removed])
+    none = np.zeros(len(rebuilt.links.tets), dtype=np.uint8)
+    ungluing = unglue_at(rebuilt.links, none, nodes, work.mesh.node_rows)
+    read = work.mesh.incident.of_all(nodes)
+    return removed, rebuilt, ungluing, edit_to(work, rebuilt, ungluing, kind, nodes, read)
 
 
 def _without(work: Work, removed: NDArray[np.int32]) -> Rebuilt:
@@ -117,5 +135,8 @@ def _with_crumbs(work: Work, crossed: NDArray[np.int32]) -> NDArray[np.int32]:
     rest = _without(work, crossed)
     around = work.mesh.incident.of_all(np.unique(work.links.tets[crossed]))
     out = np.empty(len(around) * limit, dtype=np.int32)
-    number = _small_pieces(rest.links, around, limit, rest.alive, out)
+    cut = np.zeros(len(rest.links.tets), dtype=np.uint8)
+    if work.around is not None:
+        cut[np.flatnonzero(work.around.part.outer)] = GOES_ON
+    number = _small_pieces(rest.links, around, limit, cut, rest.alive, out)
     return np.union1d(crossed, out[:number]).astype(np.int32)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from cut_service.neighbours import NOBODY, Links, across, corner_facing
 from cut_service.sweep import Sweep
-from cut_service.sweep_kernels import EDGES, crossed_edges, elements_in_box
+from cut_service.sweep_kernels import EDGES
 
 TIE = 1e-5
 """Distances nearer to each other than this share of an edge tie; ties go to the lower id."""
@@ -105,17 +105,21 @@ def _mark(
 
 
 def select(
-    links: Links, alive: NDArray[np.bool_], positions: NDArray[np.float64], sweep: Sweep
+    links: Links,
+    positions: NDArray[np.float64],
+    sweep: Sweep,
+    crossed: NDArray[np.int32],
+    masks: NDArray[np.uint8],
 ) -> Selection:
     """Select the faces to cut, in the configuration given.
 
     Args:
         links: The mesh.
-        alive: Living elements, shape (element_rows,).
         positions: Node positions [m], shape (node_rows, 3).
         sweep: What the cut follows.
+        crossed: Rows of the elements with an edge that it crosses, ascending, shape (n,).
+        masks: Those edges, bits in the order of `EDGES`, shape (n,).
     """
-    crossed, masks = crossed_elements(links, alive, positions, sweep)
     cut = np.zeros(len(links.tets), dtype=np.uint8)
     faces = np.empty((len(crossed), 2), dtype=np.int32)
     if len(crossed):
@@ -124,21 +128,6 @@ def select(
         _choose(links.tets, crossed, masks, distance, spared)
         faces = faces[: _mark(links, crossed, spared, cut, faces)]
     return Selection(crossed, faces, cut)
-
-
-def crossed_elements(
-    links: Links, alive: NDArray[np.bool_], positions: NDArray[np.float64], sweep: Sweep
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Rows of the elements with an edge that the sweep crosses, and those edges.
-
-    Edges are bits in the order of `EDGES`. Arguments as for `select`.
-    """
-    lower, upper = sweep.box
-    rows = np.empty(len(links.tets), dtype=np.int32)
-    rows = rows[: elements_in_box(positions, links.tets, alive, lower, upper, rows)]
-    masks = np.zeros(len(rows), dtype=np.uint8)
-    crossed_edges(positions, links.tets, rows, sweep.vertices, sweep.triangles, masks)
-    return rows[masks > 0], masks[masks > 0]
 
 
 def _ranked_distance(

@@ -56,12 +56,14 @@ class Snapping:
         rest: New rest positions [m], shape (n, 3).
         anchors: Node rows of the element that contains the new place, shape (n, 4).
         weights: Barycentric weights of the new place in it, before anything moved, shape (n, 4).
+        elements: Row of that element, shape (n,).
     """
 
     nodes: NDArray[np.int32]
     rest: Reals
     anchors: NDArray[np.int32]
     weights: Reals
+    elements: NDArray[np.int32]
 
 
 class _Bodies(NamedTuple):
@@ -410,7 +412,7 @@ def snap(
     chosen = np.full(len(nodes), NOBODY, dtype=np.int32)
     weights, reached = np.zeros((len(nodes), 4)), np.zeros(len(nodes))
     change = _snap(
-        links, bodies, nodes, sweep.corners, quality_floor, crease_cosine, volume_budget,
+        links, bodies, nodes, sweep.measured, quality_floor, crease_cosine, volume_budget,
         chosen, weights, reached,
     )  # fmt: skip
     moved = reached > 0
@@ -419,4 +421,4 @@ def snap(
     scaled = weights[moved] * reached[moved, None]
     own = anchors == rows[:, None]
     scaled[own] = 1.0 - scaled.sum(axis=1)
-    return Snapping(rows, bodies.rest[rows], anchors, scaled), change
+    return Snapping(rows, bodies.rest[rows], anchors, scaled, chosen[moved]), change

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cut_service.pieces import glue_crumbs
-from cut_service.quality import total_volume
+from cut_service.degeneracy import Made, Relief, relieve
+from cut_service.pieces import GOES_ON, glue_crumbs
 from cut_service.selection import Selection, select
 from cut_service.snapping import Snapping, snap
 from cut_service.ungluing import Ungluing, unglue
-from cut_service.work import Plan, Report, Work, distance_of, face_nodes, missed, too_shallow
-from tissue_sim.geometry.components import connected_components
+from cut_service.work import Plan, Report, Work, distance_of, face_nodes, too_shallow
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
+from tissue_sim.geometry.incidence import sorted_unique
 
 
 def split(work: Work) -> Plan:
@@ -21,29 +21,32 @@ def split(work: Work) -> Plan:
     Raises:
         CutError: The sweep splits nothing.
     """
-    selection = select(work.links, work.alive, work.positions, work.sweep)
-    if not len(selection.crossed):
-        raise missed()
+    around = work.surroundings
+    selection = select(work.links, work.positions, work.sweep, around.crossed, around.masks)
     selection, glued = _without_crumbs(work, selection)
     ungluing = unglue(work.links, selection.cut, selection.faces, work.mesh.node_rows)
     if not len(ungluing.opened):
         raise too_shallow(len(selection.crossed))
-    snapping, volume_change = _snapped(work, ungluing)
-    edit = _edit(work, selection, ungluing, snapping)
     nodes = face_nodes(work.links, ungluing.opened)
+    on_cut = sorted_unique(nodes.ravel())
+    relief = _moved(work, on_cut)
+    snapping = relief.snapping
+    edit = _edit(work, selection, ungluing, snapping)
     moved = work.positions.copy()
     moved[snapping.nodes] = np.einsum(
         "ij,ijk->ik", snapping.weights, work.positions[snapping.anchors]
     )
+    elements = ungluing.elements
     report = Report(
         faces_split=len(ungluing.opened),
         nodes_added=len(ungluing.parents),
         nodes_moved=len(snapping.nodes),
-        components=_components_after(work, ungluing),
+        components=around.parts_after(elements, work.links.tets[elements], ungluing.nodes),
         distance_before=distance_of(work.positions[nodes], work.sweep),
         distance_after=distance_of(moved[nodes], work.sweep),
-        volume_change=volume_change,
+        volume_change=relief.change,
         crumbs_glued=glued,
+        degenerate=(relief.found, relief.left),
     )
     return Plan(edit, report, moved[nodes])
 
@@ -51,19 +54,23 @@ def split(work: Work) -> Plan:
 def _without_crumbs(work: Work, selection: Selection) -> tuple[Selection, int]:
     limit = work.settings.smallest_piece - 1
     faces, cut = selection.faces, selection.cut
+    cut[work.surroundings.part.outer] |= GOES_ON
     glued = glue_crumbs(work.links, work.positions, faces, limit, cut) if limit > 0 else 0
     kept = (cut[faces[:, 0]] >> faces[:, 1]) & 1 > 0
     return Selection(selection.crossed, faces[kept], cut), int(glued)
 
 
-def _snapped(work: Work, ungluing: Ungluing) -> tuple[Snapping, float]:
-    nodes = np.unique(face_nodes(work.links, ungluing.opened))
-    nodes = nodes[~work.still[nodes]] if work.settings.snap else nodes[:0]
-    volume = total_volume(work.rest, work.links.tets, work.alive)
-    return snap(
-        work.links, work.rest, work.positions, nodes, work.sweep, work.settings.quality_floor,
-        float(np.cos(work.settings.crease_angle)), work.settings.volume_budget * volume,
+def _moved(work: Work, nodes: NDArray[np.int32]) -> Relief:
+    """Move the nodes of the cut onto the sweep, and mend what that made degenerate."""
+    how, budget = work.settings, work.settings.volume_budget * work.volume
+    movable = nodes[~work.still[nodes]] if how.snap else nodes[:0]
+    snapping, change = snap(
+        work.links, work.rest, work.positions, movable, work.sweep, how.quality_floor,
+        float(np.cos(how.crease_angle)), budget,
     )  # fmt: skip
+    if not how.snap:
+        return Relief(snapping, Made.none(), change)
+    return relieve(work, work.links, nodes, snapping, change, budget)
 
 
 def _edit(work: Work, selection: Selection, ungluing: Ungluing, snapping: Snapping) -> TopologyEdit:
@@ -75,7 +82,7 @@ def _edit(work: Work, selection: Selection, ungluing: Ungluing, snapping: Snappi
         (ungluing.nodes - ungluing.first_copy).astype(np.int64) + PROVISIONAL,
         ids[np.where(is_copy, 0, ungluing.nodes)],
     )
-    read_nodes = np.unique(face_nodes(work.links, selection.faces))
+    read_nodes = np.union1d(face_nodes(work.links, selection.faces), snapping.nodes)
     return TopologyEdit(
         base_version=mesh.version,
         kind="split",
@@ -97,9 +104,3 @@ def read_elements(
 ) -> NDArray[np.int32]:
     """Rows of the elements that are crossed or meet one of the nodes, ascending."""
     return np.union1d(crossed, work.mesh.incident.of_all(nodes))
-
-
-def _components_after(work: Work, ungluing: Ungluing) -> int:
-    tets = work.links.tets.copy()
-    tets[ungluing.elements] = ungluing.nodes
-    return connected_components(tets, work.alive, ungluing.first_copy + len(ungluing.parents))[0]

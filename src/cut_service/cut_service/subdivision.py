@@ -26,15 +26,16 @@ from numpy.typing import NDArray
 
 from cut_service.bisection import Division, divide, part
 from cut_service.crossings import Crossings, find_crossings
+from cut_service.degeneracy import Made, Relief, relieve
 from cut_service.errors import CutCode, CutError
 from cut_service.neighbours import Links
-from cut_service.pieces import glue_crumbs
-from cut_service.quality import total_volume
+from cut_service.pieces import GOES_ON, glue_crumbs
 from cut_service.rebuilding import NewNodes, Rebuilt, components_after, edit_to
 from cut_service.snapping import Snapping, snap
 from cut_service.splitting import read_elements
 from cut_service.ungluing import unglue
-from cut_service.work import Plan, Report, Work, distance_of, face_nodes, missed, too_shallow
+from cut_service.work import Plan, Report, Work, distance_of, face_nodes, too_shallow
+from tissue_sim.geometry.incidence import sorted_unique
 
 VOLUME_KEPT = 1e-10
 """Rest volume may change by this share of the organ's."""
@@ -62,15 +63,14 @@ def subdivide(work: Work) -> Plan:
     Raises:
         CutError: The sweep parts nothing.
     """
-    crossings = find_crossings(work.links, work.alive, work.positions, work.sweep)
-    if not len(crossings.elements):
-        raise missed()
-    volume = total_volume(work.rest, work.links.tets, work.alive)
-    places = _places(work, crossings, volume)
+    around = work.surroundings
+    crossings = find_crossings(work.links, work.positions, work.sweep, around.crossed, around.masks)
+    places = _places(work, crossings)
     division = divide(work.links, places.edges, crossings.masks, places.on, work.mesh.node_rows)
     new = _new_nodes(work, places, division)
     rebuilt = Rebuilt.of(work, division.parents, division.children, division.parent_of, new)
     cut, faces, read = _surface(work, rebuilt.links, crossings, places, division)
+    cut[np.flatnonzero(around.part.outer)] |= GOES_ON
     positions = np.concatenate([work.positions, new.positions])
     limit = work.settings.smallest_piece - 1
     glued = glue_crumbs(rebuilt.links, positions, faces, limit, cut) if limit > 0 else 0
@@ -80,14 +80,19 @@ def subdivide(work: Work) -> Plan:
     ungluing = unglue(rebuilt.links, cut, faces, len(positions))
     if not len(ungluing.opened):
         raise too_shallow(len(crossings.elements))
+    nodes = face_nodes(rebuilt.links, ungluing.opened)
+    relief = _moved(work, rebuilt.links, nodes, Made(
+        division.holders, places.edges, new.weights, new.rest, new.positions
+    ))  # fmt: skip
+    rebuilt = replace(rebuilt, new=_put(work, new, relief.made))
+    snapping = relief.snapping
+    _refuse_flat(rebuilt, np.concatenate([work.rest, rebuilt.new.rest]), snapping)
+    read = np.union1d(np.union1d(np.unique(places.edges), read), snapping.nodes)
     edit = edit_to(
-        work, rebuilt, ungluing, "subdivide", np.union1d(np.unique(places.edges), read),
+        work, rebuilt, ungluing, "subdivide", read,
         read_elements(work, np.union1d(crossings.elements, division.parents), read),
     )  # fmt: skip
-    nodes = face_nodes(rebuilt.links, ungluing.opened)
-    snapping, change = _snapped(work, nodes, volume)
-    _refuse_flat(rebuilt, np.concatenate([work.rest, new.rest]), snapping)
-    moved = positions.copy()
+    moved = np.concatenate([work.positions, rebuilt.new.positions])
     moved[snapping.nodes] = np.einsum(
         "ij,ijk->ik", snapping.weights, work.positions[snapping.anchors]
     )
@@ -103,11 +108,12 @@ def subdivide(work: Work) -> Plan:
         faces_split=len(ungluing.opened),
         nodes_added=len(edit.copied_nodes),
         nodes_moved=len(snapping.nodes),
-        components=components_after(rebuilt, ungluing),
+        components=components_after(work, rebuilt, ungluing),
         distance_before=distance_of(positions[nodes], work.sweep),
         distance_after=distance_of(moved[nodes], work.sweep),
-        volume_change=change,
+        volume_change=relief.change,
         crumbs_glued=int(glued),
+        degenerate=(relief.found, relief.left),
         method="subdivide",
         elements_removed=len(rebuilt.removed),
         elements_added=len(rebuilt.added),
@@ -115,15 +121,15 @@ def subdivide(work: Work) -> Plan:
     return Plan(edit, report, moved[nodes])
 
 
-def _places(work: Work, crossings: Crossings, volume: float) -> _Places:
+def _places(work: Work, crossings: Crossings) -> _Places:
     """Decide which passages become new nodes and which old nodes stand for them."""
     edges, shares = crossings.edges[crossings.active], crossings.shares[crossings.active]
-    # A regular tetrahedron of edge l has the volume l^3 / (6 sqrt 2).
-    mean_edge = (volume / max(int(work.alive.sum()), 1) * 6.0 * np.sqrt(2.0)) ** (1 / 3)
     rest = np.linalg.norm(work.rest[edges[:, 1]] - work.rest[edges[:, 0]], axis=1)
     seen = np.linalg.norm(work.positions[edges[:, 1]] - work.positions[edges[:, 0]], axis=1)
     shorter = np.maximum(np.minimum(rest, seen), np.finfo(np.float64).tiny)
-    near = np.maximum(work.settings.vertex_share, work.settings.vertex_reach * mean_edge / shorter)
+    near = np.maximum(
+        work.settings.vertex_share, work.settings.vertex_reach * work.mean_edge / shorter
+    )
     close = np.minimum(shares, 1.0 - shares) <= near
     on = np.zeros(work.mesh.node_rows, dtype=np.bool_)
     on[np.where(shares < 0.5, edges[:, 0], edges[:, 1])[close]] = True
@@ -169,13 +175,25 @@ def _surface(
     return cut, faces, nodes
 
 
-def _snapped(work: Work, nodes: NDArray[np.int32], volume: float) -> tuple[Snapping, float]:
-    nodes = np.unique(nodes[nodes < work.mesh.node_rows])
-    nodes = nodes[~work.still[nodes]] if work.settings.snap else nodes[:0]
-    return snap(
-        work.links, work.rest, work.positions, nodes, work.sweep, work.settings.quality_floor,
-        float(np.cos(work.settings.crease_angle)), VOLUME_KEPT * volume,
+def _moved(work: Work, links: Links, faces: NDArray[np.int32], made: Made) -> Relief:
+    """Move old nodes of the cut onto the sweep, and mend what is degenerate beside it."""
+    how, budget = work.settings, VOLUME_KEPT * work.volume
+    nodes = sorted_unique(faces.ravel())
+    old = nodes[nodes < work.mesh.node_rows]
+    movable = old[~work.still[old]] if how.snap else old[:0]
+    snapping, change = snap(
+        work.links, work.rest, work.positions, movable, work.sweep, how.quality_floor,
+        float(np.cos(how.crease_angle)), budget,
     )  # fmt: skip
+    if not how.snap:
+        return Relief(snapping, made, change)
+    return relieve(work, links, nodes, snapping, change, budget, made)
+
+
+def _put(work: Work, new: NewNodes, made: Made) -> NewNodes:
+    """New nodes where they are after degeneracies have been removed."""
+    anchors = work.links.tets[made.holders]
+    return NewNodes(new.parents, made.rest, made.positions, anchors, made.weights)
 
 
 def _refuse_flat(rebuilt: Rebuilt, rest: NDArray[np.float64], snapping: Snapping) -> None:

@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
+from cut_service.excerpt import Excerpt
 from cut_service.neighbours import Links, links_of
+from cut_service.organ import Organ, organ_of
+from cut_service.parts import change_of_parts
 from cut_service.sweep import Sweep
+from cut_service.sweep_kernels import crossed_edges
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.faces import LOCAL_FACES
 from tissue_sim.geometry.mesh import Mesh
@@ -30,6 +34,10 @@ class Settings:
             through the end: dividing there would leave slivers.
         vertex_reach: The same as a share of the mean edge of the organ's elements, so that cuts
             across cuts do not make ever smaller elements.
+        remove_degeneracies: Whether elements that the cut has made flat or short are mended.
+        wanted_ratio: Radius ratio below which an element that had more is mended.
+        wanted_length: The same of the length of its edges (see `degeneracy`), as a share of the
+            mean edge of the organ's elements.
     """
 
     snap: bool = True
@@ -39,6 +47,9 @@ class Settings:
     smallest_piece: int = 5
     vertex_share: float = 0.15
     vertex_reach: float = 0.05
+    remove_degeneracies: bool = True
+    wanted_ratio: float = 0.2
+    wanted_length: float = 0.4
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,7 @@ class Report:
         distance_after: The same after snapping [m].
         volume_change: Of the rest shape, by snapping or by removed elements [m^3].
         crumbs_glued: Faces left whole because they would have freed a piece of a few elements.
+        degenerate: Elements that the cut had made degenerate, and those of them that are left.
         method: How it was cut.
         elements_removed: Elements that are no more, those that were divided included.
         elements_added: Elements that are new.
@@ -70,6 +82,7 @@ class Report:
     distance_after: tuple[float, float]
     volume_change: float
     crumbs_glued: int
+    degenerate: tuple[int, int] = (0, 0)
     method: str = "split"
     elements_removed: int = 0
     elements_added: int = 0
@@ -94,17 +107,68 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Surroundings:
+    """What a plan that looks at part of a mesh knows of the rest.
+
+    Attributes:
+        mesh: The mesh.
+        organ: Figures of all of it.
+        part: The part that the plan looks at.
+        crossed: Rows in the part of the elements with an edge that the sweep crosses, ascending,
+            shape (n,).
+        masks: Those edges, bits in the order of `EDGES`, shape (n,).
+    """
+
+    mesh: Mesh
+    organ: Organ
+    part: Excerpt
+    crossed: NDArray[np.int32]
+    masks: NDArray[np.uint8]
+
+    @property
+    def is_all(self) -> bool:
+        """Whether the part is the whole mesh."""
+        return len(self.part.elements) == self.organ.elements
+
+    def parts_after(
+        self, elements: NDArray[np.int32], old: NDArray[np.int32], new: NDArray[np.int32]
+    ) -> int:
+        """Number of parts of the organ after an edit, given in rows of the part.
+
+        Args:
+            elements: Elements changed, taken out or added, the last with rows behind the part's
+                own, shape (n,).
+            old: Their nodes before, -1 where one is new, shape (n, 4).
+            new: Their nodes after, -1 where one is taken out, shape (n, 4).
+        """
+        changed = elements[elements < len(self.part.elements)]
+        grown = change_of_parts(
+            self.mesh, self.part.elements[changed], self._in_mesh(old), self._in_mesh(new)
+        )
+        return self.organ.parts + grown
+
+    def _in_mesh(self, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
+        own = len(self.part.nodes)
+        rows = nodes - own + self.mesh.node_rows
+        old = nodes < own
+        # -1 stays what it is.
+        rows[old] = np.append(self.part.nodes, -1)[nodes[old]]
+        return np.asarray(rows, dtype=np.int32)
+
+
+@dataclass(frozen=True)
 class Work:
     """What the steps of one plan share.
 
     Attributes:
-        mesh: The mesh.
+        mesh: The mesh, or the part of it that the plan looks at.
         links: What meets where in it.
         alive: Living elements, shape (element_rows,).
         positions: Current node positions [m], shape (node_rows, 3).
         sweep: What to cut along.
         settings: How to cut.
         still: Nodes that must not be moved, shape (node_rows,).
+        around: The rest of the mesh, for plans of a part.
     """
 
     mesh: Mesh
@@ -114,11 +178,29 @@ class Work:
     sweep: Sweep
     settings: Settings
     still: NDArray[np.bool_] = field(repr=False)
+    around: Surroundings | None = None
 
     @property
     def rest(self) -> NDArray[np.float64]:
         """Rest positions [m], shape (node_rows, 3); a view."""
         return self.mesh.rest[: self.mesh.node_rows]
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """The rest of the mesh."""
+        if self.around is None:
+            raise ValueError("this plan looks at the whole mesh and follows no sweep")
+        return self.around
+
+    @property
+    def volume(self) -> float:
+        """Of the organ at rest [m^3]."""
+        return self.surroundings.organ.volume
+
+    @property
+    def mean_edge(self) -> float:
+        """Of the organ's elements [m]."""
+        return self.surroundings.organ.mean_edge
 
 
 def prepare(
@@ -128,22 +210,63 @@ def prepare(
     settings: Settings,
     held: NDArray[np.uint32] | None,
 ) -> Work:
-    """Look at what a plan is asked for; see `planner.plan`."""
+    """Look at what a plan is asked for; see `planner.plan`.
+
+    Raises:
+        CutError: The positions do not fit or are not finite, or the sweep meets no tetrahedra.
+    """
     places = np.ascontiguousarray(positions, dtype=np.float64)
     if places.shape != (mesh.node_rows, 3):
         raise CutError(
             CutCode.NO_TISSUE, f"positions of {mesh.node_rows} nodes wanted, got {places.shape}"
         )
+    if mesh.sheet_rows is None:
+        return _part_of(mesh, places, sweep, settings, held)
     living = places[mesh.node_alive[: mesh.node_rows]]
     if not len(living) or not np.isfinite(living).all():
-        raise CutError(CutCode.NO_TISSUE, "the positions are not finite, or no node is left")
+        raise _no_shape()
     sweep.check_size(living.min(axis=0), living.max(axis=0))
+    alive = mesh.element_alive[: mesh.element_rows]
+    return Work(mesh, links_of(mesh), alive, places, sweep, settings, _still(mesh, held))
+
+
+def _part_of(
+    mesh: Mesh,
+    places: NDArray[np.float64],
+    sweep: Sweep,
+    settings: Settings,
+    held: NDArray[np.uint32] | None,
+) -> Work:
+    """Look at the part of a mesh of tetrahedra that a sweep passes."""
+    organ = organ_of(mesh)
+    survey = organ.grid.survey(places)
+    if not survey.finite or not organ.elements:
+        raise _no_shape()
+    sweep.check_size(survey.lower, survey.upper)
+    near = organ.grid.near(survey, places, *sweep.box)
+    masks = np.zeros(len(near), dtype=np.uint8)
+    crossed_edges(places, mesh.tets, near, sweep.vertices, sweep.triangles, masks)
+    near, masks = near[masks > 0], masks[masks > 0]
+    if not len(near):
+        raise missed()
+    part = Excerpt(mesh, near)
+    crossed = np.searchsorted(part.elements, near).astype(np.int32)
+    return Work(
+        part, links_of(part), part.element_alive[: part.element_rows], places[part.nodes], sweep,
+        settings, _still(mesh, held)[part.nodes], Surroundings(mesh, organ, part, crossed, masks),
+    )  # fmt: skip
+
+
+def _still(mesh: Mesh, held: NDArray[np.uint32] | None) -> NDArray[np.bool_]:
     still = mesh.fixed[: mesh.node_rows].copy()
     if held is not None:
         rows = mesh.node_rows_of(held)
         still[rows[rows >= 0]] = True
-    alive = mesh.element_alive[: mesh.element_rows]
-    return Work(mesh, links_of(mesh), alive, places, sweep, settings, still)
+    return still
+
+
+def _no_shape() -> CutError:
+    return CutError(CutCode.NO_TISSUE, "the positions are not finite, or no node is left")
 
 
 def face_nodes(links: Links, faces: NDArray[np.int32]) -> NDArray[np.int32]:

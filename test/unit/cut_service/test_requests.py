@@ -51,6 +51,7 @@ def test_the_parameters_defaults_are_those_of_the_planner() -> None:
     assert made.settings.crease_angle == pytest.approx(Settings().crease_angle, abs=0.01)
     for name in (
         "snap", "quality_floor", "volume_budget", "smallest_piece", "vertex_share", "vertex_reach",
+        "remove_degeneracies", "wanted_ratio", "wanted_length",
     ):  # fmt: skip
         assert getattr(made.settings, name) == getattr(Settings(), name)
     assert np.degrees(made.settings.crease_angle) == pytest.approx(40.0)
