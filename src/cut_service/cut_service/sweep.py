@@ -31,10 +31,13 @@ class Sweep:
         vertices: Positions [m], float64, shape (vertex_count, 3).
         triangles: Three vertices each, shape (triangle_count, 3); triangles without area have been
             left out.
+        beyond: Corners of triangles by which the surface goes on beyond its rim [m], shape (k, 3,
+            3); None: it does not. They cut nothing, but distances are to them as well.
     """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
+    beyond: NDArray[np.float64] | None = None
 
     @classmethod
     def from_arrays(cls, vertices: ArrayLike, triangles: ArrayLike) -> Sweep:
@@ -90,6 +93,12 @@ class Sweep:
         return self.vertices[self.triangles]
 
     @property
+    def measured(self) -> NDArray[np.float64]:
+        """Corners of the triangles that distances are to [m], shape (m, 3, 3)."""
+        corners = self.corners
+        return corners if self.beyond is None else np.concatenate([corners, self.beyond])
+
+    @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper corner of the bounding box [m], shape (3,) each."""
         used = self.corners.reshape(-1, 3)
@@ -100,7 +109,31 @@ class Sweep:
 
         Rotation of shape (3, 3), translation [m] of shape (3,).
         """
-        return Sweep(self.vertices @ rotation.T + translation, self.triangles)
+        beyond = None if self.beyond is None else self.beyond @ rotation.T + translation
+        return Sweep(self.vertices @ rotation.T + translation, self.triangles, beyond)
+
+    def continued(self, width: float) -> Sweep:
+        """The sweep, going on straight beyond its rim.
+
+        A node beside the rim is then as far from the surface as if the sweep already went on.
+
+        Args:
+            width: How far [m].
+        """
+        edges = np.concatenate([self.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        third = np.concatenate([self.triangles[:, k] for k in (2, 0, 1)])
+        _, first, times = np.unique(
+            np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        rim = first[times == 1]
+        a, b = self.vertices[edges[rim, 0]], self.vertices[edges[rim, 1]]
+        along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+        out = a - self.vertices[third[rim]]
+        out -= np.einsum("ij,ij->i", out, along)[:, None] * along
+        out *= width / np.linalg.norm(out, axis=1, keepdims=True)
+        a, b = a - width * along, b + width * along
+        wings = np.stack([a, b, b + out, a, b + out, a + out], axis=1)
+        return Sweep(self.vertices, self.triangles, wings.reshape(-1, 3, 3))
 
     def closest(
         self, points: NDArray[np.float64]
@@ -117,7 +150,7 @@ class Sweep:
         places = np.ascontiguousarray(points, dtype=np.float64)
         nearest, distances = np.empty_like(places), np.empty(len(places))
         which = np.zeros(len(places), dtype=np.int32)
-        closest_on_sweep(places, self.corners, nearest, distances, which)
+        closest_on_sweep(places, self.measured, nearest, distances, which)
         return nearest, distances, which
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -127,7 +160,7 @@ class Sweep:
     def signed_distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points [m], shape (n,); its sign is the closest triangle normal's side."""
         nearest, distances, which = self.closest(points)
-        corners = self.corners[which]
+        corners = self.measured[which]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.copysign(distances, np.einsum("ij,ij->i", normals, points - nearest))
 

@@ -86,6 +86,9 @@ def _set_tool(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _
     if there is not None and "hold" not in arguments:
         kept = there.as_arguments()
         arguments = {**arguments, "hold": kept["hold"], "coupling": kept["coupling"]}
+    if there is not None and "cutting" not in arguments and there.kind == arguments.get("kind"):
+        kept = there.as_arguments()
+        arguments = {**arguments, "cutting": kept["cutting"], "response": kept["response"]}
     try:
         tool = ToolSpec.from_arguments(arguments)
     except ToolError as error:
@@ -155,10 +158,12 @@ def _bring_back(
     by = f" by {step.author}" if step.author else ""
     asked = f" ({step.request_id})" if step.request_id else ""
     message = f"{edit.kind} of the {step.kind}{by}{asked}: version {edit.version}"
+    waiting = history.done if edit.kind == UNDO else history.undone
     values = {
         "version": edit.version, "reverted_kind": step.kind, "reverted_author": step.author,
         "reverted_request_id": step.request_id, "can_undo": len(history.done),
         "can_redo": len(history.undone), "apply_ms": 1e3 * applied.seconds,
+        "next_request_id": waiting[-1].edit.request_id if waiting else "",
     }  # fmt: skip
     return message, values
 

@@ -26,7 +26,9 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import SURFACE, Sheet, SheetStiffness
 from tissue_sim.geometry.sheet_rows import NO_ROW, WALL, SheetRows
 from tissue_sim.geometry.surface import surface_triangles
+from tissue_sim.geometry.sutures import FIRST_ID, Sutures
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
+from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
 
 ALIVE, FIXED, SPRING = 1, 2, 2
 """Bits of Topology.node_flags and element_flags."""
@@ -35,11 +37,15 @@ _EDIT_IDS = (
     "read_nodes", "read_elements", "moved_nodes", "moved_anchors", "copied_nodes", "copy_parents",
     "rewritten_elements", "rewritten_nodes", "removed_elements", "added_elements", "added_nodes",
     "added_parents", "merged_nodes", "merged_into", "returned_nodes", "returned_like",
-    "returned_elements",
+    "returned_elements", "added_sutures", "suture_nodes", "suture_groups", "removed_sutures",
+    "changed_sutures",
 )  # fmt: skip
-_EDIT_REALS = ("moved_rest", "moved_weights")
+_EDIT_REALS = (
+    "moved_rest", "moved_weights", "suture_lengths", "suture_stiffness", "changed_lengths",
+)  # fmt: skip
+_OF_SUTURES = ("suture_nodes", "suture_lengths", "suture_stiffness", "suture_groups")
 _EDIT_ITEMS = {"moved_anchors": 4, "rewritten_nodes": 4, "added_nodes": 4, "moved_weights": 4}
-_EDIT_ITEMS["moved_rest"] = 3
+_EDIT_ITEMS |= {"moved_rest": 3, "suture_nodes": 2}
 
 
 def header(frame_id: str, stamp: Time) -> Header:
@@ -140,6 +146,9 @@ def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
     if tool.hold:
         arguments["hold"] = tool.hold
         arguments["coupling"] = {item.name: float(getattr(tool, item.name)) for item in COUPLING}
+    if tool.cutting:
+        arguments["cutting"] = tool.cutting
+        arguments["response"] = {item.name: float(getattr(tool, item.name)) for item in RESPONSE}
     return arguments
 
 
@@ -167,11 +176,37 @@ def mesh_to_topology(mesh: Mesh, epoch: bytes, frame_id: str, stamp: Time) -> To
         fill(message.tetrahedra, mesh.node_ids[mesh.tets[:elements]])
     fill(message.region_labels, np.array(list(mesh.region_names), dtype=np.int32))
     message.region_names = list(mesh.region_names.values())
+    _fill_sutures(message, mesh)
     if mesh.sheet_rows is not None:
         _fill_sheet(message, mesh, mesh.sheet_rows)
     else:
         fill(message.surface_triangles, mesh.node_ids[surface_triangles(mesh)])
     return message
+
+
+def _fill_sutures(message: Topology, mesh: Mesh) -> None:
+    sutures = mesh.sutures
+    fill(message.suture_ids, sutures.ids)
+    fill(message.suture_nodes, mesh.node_ids[sutures.nodes])
+    fill(message.suture_lengths, sutures.lengths)
+    fill(message.suture_stiffness, sutures.stiffness)
+    fill(message.suture_groups, sutures.groups)
+    message.next_suture = sutures.next_id
+
+
+def _sutures_of(message: Topology) -> Sutures:
+    """The sutures of a keyframe; ids of nodes are their rows."""
+    # Bags from before there were sutures do not have them.
+    if not hasattr(message, "next_suture"):
+        return Sutures()
+    return Sutures(
+        array_of(message.suture_ids, np.uint32).copy(),
+        array_of(message.suture_nodes, np.uint32).reshape(-1, 2).astype(np.int32),
+        array_of(message.suture_lengths, np.float64).copy(),
+        array_of(message.suture_stiffness, np.float64).copy(),
+        array_of(message.suture_groups, np.uint32).copy(),
+        int(message.next_suture) or FIRST_ID,
+    )
 
 
 def _fill_sheet(message: Topology, mesh: Mesh, sheet: SheetRows) -> None:
@@ -235,6 +270,7 @@ def topology_to_mesh(message: Topology) -> Mesh:
         node_file_ids=array_of(message.node_file_ids, np.int64),
         element_file_ids=element_file_ids,
         sheet=sheet,
+        sutures=_sutures_of(message),
         name=message.organ,
     )
     mesh = Mesh(raw, (flags & FIXED) > 0)
@@ -313,7 +349,7 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
     arrays: dict[str, NDArray[Any]] = {}
     for name in (*_EDIT_IDS, *_EDIT_REALS):
         dtype = np.uint32 if name in _EDIT_IDS else np.float64
-        # Bags from before there was undo lack some.
+        # Bags from before there were undo or sutures lack some.
         values = array_of(getattr(message, name, ()), dtype)
         items = _EDIT_ITEMS.get(name)
         if items and values.size % items:
@@ -326,6 +362,8 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         ("added_elements", ("added_nodes", "added_parents")),
         ("merged_nodes", ("merged_into",)),
         ("returned_nodes", ("returned_like",)),
+        ("added_sutures", _OF_SUTURES),
+        ("changed_sutures", ("changed_lengths",)),
     ):
         for other in others:
             if len(arrays[name]) != len(arrays[other]):
@@ -430,6 +468,9 @@ def cut_request(
         version=entry.version,
         request_id=request_id,
         tool=cut.tool,
+        stroke=cut.stroke,
+        strip=cut.strip,
+        ends=cut.ends,
         sweep=sweep_message(
             cut.vertices, cut.triangles, entry.frame, frame_id, stamp_of(cut.stamp)
         ),

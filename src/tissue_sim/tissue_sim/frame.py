@@ -113,17 +113,25 @@ class AppliedEdit:
 class Cut:
     """A cutting tool was used: the sweep of its blade in the organ frame.
 
+    Without a stroke it is a cut of its own; the cuts of one stroke follow one another.
+
     Attributes:
         tool: Id of the tool.
         stamp: Stamp of its pose [ns].
         vertices: Corners of the sweep [m], shape (n, 3).
         triangles: Corner rows of its triangles, shape (m, 3).
+        stroke: Id of the stroke of a tool that cuts progressively; empty: none.
+        strip: Counts the cuts of the stroke from 0.
+        ends: Whether it is the stroke's last; it may then be without triangles.
     """
 
     tool: str
     stamp: int
     vertices: NDArray[np.float64]
     triangles: NDArray[np.uint32]
+    stroke: str = ""
+    strip: int = 0
+    ends: bool = False
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,8 @@ class LiveSimulation:
         samples = []
         for tool, tracker in self.trackers.items():
             holds = simulation.holds.of_tool(tool)
-            sample, let_go = tracker.sample(now, period, bool(holds))
+            busy = bool(holds) or tool in simulation.blades.strokes
+            sample, let_go = tracker.sample(now, period, busy)
             samples.append(sample)
             if let_go and holds:
                 commands.append(Command("release", {"hold_id": 0, "tool": tool}))

@@ -82,16 +82,17 @@ def run_study(out: Path, repeats: int, scene: str = "heart") -> dict[str, Any]:
     for pair in range(repeats):
         order = (WITH, WITHOUT) if pair % 2 == 0 else (WITHOUT, WITH)
         for variant in order:
-            rows.append(_run(out / "run", scene, procedures[variant], pair, variant))
+            rows.append(run_once(out / "run", scene, procedures[variant], pair, variant))
             console.print(_in_words(rows[-1]), markup=False)
-    result = {"machine": _machine(), "rows": [asdict(row) for row in rows], **_judge(rows)}
+    result = {"machine": machine(), "rows": [asdict(row) for row in rows], **_judge(rows)}
     (out / "loop.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     _print(console, result)
     return result
 
 
-def _run(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> LoopRow:
-    load, machine = os.getloadavg()[0], _machine_late_share()
+def run_once(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> LoopRow:
+    """Run one session and count."""
+    load, empty_loop = os.getloadavg()[0], _machine_late_share()
     plan = SessionPlan(scene=find_scene(scene), out=empty_folder(out), procedure=procedure)
     operate(plan, quiet=True)
     seen = read_json(plan.monitor_file)
@@ -111,7 +112,7 @@ def _run(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> Loo
         apply_ms=tuple(float(cut["apply_ms"]) for cut in cuts),
         plan_ms=tuple(float(cut["plan_ms"]) for cut in cuts),
         load=load,
-        machine_late_share=machine,
+        machine_late_share=empty_loop,
     )
 
 
@@ -145,7 +146,8 @@ def _judge(rows: list[LoopRow]) -> dict[str, Any]:
     }
 
 
-def _machine() -> dict[str, Any]:
+def machine() -> dict[str, Any]:
+    """What the runs were made on."""
     return {
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -187,8 +189,8 @@ def _print(console: Console, result: dict[str, Any]) -> None:
     table = Table(title="the loop, with and without cuts (medians)", show_header=False)
     table.add_row("frames a second", f"{result['hz_median']:.2f}")
     table.add_row("late frames", f"{100 * result['late_share_median']:.2f} %")
-    machine = f"{100 * result['machine_late_share_median']:.2f} %"
-    table.add_row("late frames of an empty loop", machine)
+    empty_loop = f"{100 * result['machine_late_share_median']:.2f} %"
+    table.add_row("late frames of an empty loop", empty_loop)
     differences = ", ".join(map(str, result["late_difference"]))
     table.add_row(
         "late with minus late without", f"{result['late_difference_median']:g} ({differences})"

@@ -51,8 +51,8 @@ by it still gets the first frames."""
 JOURNAL_CLOCK = _profile(10)
 """tissue/journal for those that only want to know what time it is."""
 
-CUT_REQUEST = _profile(10)
-"""tissue/cut_request."""
+CUT_REQUEST = _profile(200)
+"""tissue/cut_request: strips of progressive cuts come in every frame, also while one is planned."""
 
 DIAGNOSTICS = _profile(10)
 """/diagnostics."""

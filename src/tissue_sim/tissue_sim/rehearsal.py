@@ -14,7 +14,8 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import SheetStiffness
 from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, surface_of, with_sheet
 from tissue_sim.interaction.coupling import FORCE
-from tissue_sim.interaction.tools import ToolSpec
+from tissue_sim.interaction.cut_response import CutResponse
+from tissue_sim.interaction.tools import CUT, PROGRESSIVE, RECTANGLE, ToolSpec
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
@@ -35,6 +36,8 @@ def rehearse(sheet: bool = False) -> None:
     for name, values in registry.VARIANTS:
         _rehearse(Scene(model=name, parameters={name: values}, tools=(TOOL,)))
     _rehearse(Scene(tools=(replace(TOOL, hold=FORCE),)))
+    blade = replace(TOOL, kind=CUT, shape=RECTANGLE, size=(0.01, 0.01), cutting=PROGRESSIVE)
+    _rehearse(Scene(tools=(replace(blade, response=CutResponse(toughness=1.0)),)))
     _rehearse(Scene(model="vertex_block_descent", predictor="lr", tools=(TOOL,)))
     for name in registry.names() if sheet else ():
         if not registry.MODELS[name].needs_tetrahedra:

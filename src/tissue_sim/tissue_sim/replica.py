@@ -78,6 +78,11 @@ class Replica:
         return next(reversed(self._shapes)) if self._shapes else 0
 
     @property
+    def newest_version(self) -> int:
+        """Version of the newest shape that has come; 0 if there is none."""
+        return next(reversed(self._shapes.values())).version if self._shapes else 0
+
+    @property
     def oldest_frame(self) -> int:
         """The oldest frame whose shape is kept; 0 if there is none."""
         return next(iter(self._shapes)) if self._shapes else 0

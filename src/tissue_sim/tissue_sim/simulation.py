@@ -37,8 +37,9 @@ from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.patch import Patch
 from tissue_sim.interaction.reaction import NOTHING, wrench_on_tool
 from tissue_sim.interaction.seeding import Seeding
-from tissue_sim.interaction.tools import GRAB, ToolSpec, blade
+from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, ToolSpec, blade
 from tissue_sim.kernels.positions import nodes_within, place_nodes
+from tissue_sim.progressive import ProgressiveCuts
 from tissue_sim.scene import Scene
 
 EXPLODED = 20.0
@@ -65,6 +66,7 @@ class Simulation:
         tools: Tools by id.
         poses: Pose of every tool as used last, shape (7,) each.
         holds: What the tools hold.
+        blades: What the tools that cut as they move have passed.
         history: The edits made, to undo and redo them.
         lost_states: Frames whose state was not finite or exploded, and was restored.
     """
@@ -96,6 +98,7 @@ class Simulation:
         self.tools: dict[str, ToolSpec] = {}
         self.poses: dict[str, NDArray[np.float64]] = {}
         self.holds = Holds(mesh)
+        self.blades = ProgressiveCuts(self)
         for tool in self.scene.tools:
             self.set_tool(tool.checked())
         self.frame, self.sim_time, self.lost_states = 0, 0.0, 0
@@ -142,11 +145,11 @@ class Simulation:
         )  # fmt: skip
         if not count:
             return None
-        wanted = wanted[:count].copy()
-        by_force = self.tools[tool].hold == FORCE
-        hold = self.holds.grab(
-            wanted, self._places(wanted), tool, self.poses[tool], by_use, by_force
-        )
+        return self.hold(tool, wanted[:count].copy(), by_use, self.tools[tool].hold == FORCE)
+
+    def hold(self, tool: str, rows: NDArray[np.int32], by_use: bool, by_force: bool) -> Hold:
+        """Hold some nodes, none of them fixed."""
+        hold = self.holds.grab(rows, self._places(rows), tool, self.poses[tool], by_use, by_force)
         self._holds_changed()
         self._report_unfelt([hold])
         return hold
@@ -164,12 +167,15 @@ class Simulation:
 
     def set_tool(self, tool: ToolSpec) -> None:
         """Create a tool or change one; one that exists stays where it is."""
+        if self.tools.get(tool.id, tool) != tool:
+            self.blades.forget(tool.id)
         self.tools[tool.id] = tool
         self.poses.setdefault(tool.id, np.array(tool.pose))
         self._tools_changed = True
 
     def remove_tool(self, tool: str) -> None:
         """Remove a tool and release its holds."""
+        self.blades.forget(tool)
         self.release(self.holds.of_tool(tool))
         del self.tools[tool], self.poses[tool]
         self._tools_changed = True
@@ -333,6 +339,8 @@ class Simulation:
             checked = self.mesh.check(plan)
         if why := self.model.refusal(checked.nodes):
             raise EditError(f"model {self.model.name} refuses this edit: {why}")
+        if checked.applied.sews and (why := self.model.sewing_refusal()):
+            raise EditError(f"model {self.model.name} refuses sutures: {why}")
         change = self.mesh.apply(plan, checked)
         self.history.record(change)
         self.state.follow(self.mesh, change)
@@ -352,6 +360,10 @@ class Simulation:
         self._events += [
             f"hold {h.id} of {h.tool} is released: its nodes vanished" for h in emptied
         ]
+        self._events += [
+            f"suture {suture} is released: a node of it vanished"
+            for suture in change.released.tolist()
+        ]
         return AppliedEdit(change, plan, time.perf_counter() - started)
 
     def _remember(self) -> None:
@@ -366,16 +378,20 @@ class Simulation:
         samples = tuple(sample for sample in samples if sample.tool in self.tools)
         for sample in samples:
             self.poses[sample.tool] = sample.pose
-        cuts = []
+        cuts = self.blades.taken_over()
         for sample in samples:
             tool = self.tools[sample.tool]
+            if tool.kind == CUT:
+                cuts += self.blades.use(tool, sample)
             if sample.edge == -1 or (sample.edge == 1 and tool.kind == GRAB):
                 self.release([h for h in self.holds.of_tool(tool.id) if h.by_use])
             if sample.edge == 1 and tool.kind == GRAB:
                 if self.grab(tool.id, tool.size[0], by_use=True) is None:
                     self._events.append(f"{tool.id} holds nothing: no free node within its radius")
-            elif sample.edge == 1:
+            elif sample.edge == 1 and tool.cutting == AT_USE:
                 cuts.append(Cut(tool.id, sample.stamp, *blade(tool, sample.pose)))
+        self._events += self.blades.events
+        self.blades.events.clear()
         return tuple(cuts)
 
     def _step(self, budget: Budget) -> list[float]:
@@ -448,7 +464,7 @@ class Simulation:
         return positions, lost
 
     def _wrenches(self) -> dict[str, NDArray[np.float64]]:
-        wrenches: dict[str, NDArray[np.float64]] = {}
+        wrenches = dict(self.blades.wrenches)
         if not self.model.has_forces or not len(self.holds):
             return wrenches
         for hold in self.holds.by_id.values():

@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 from tissue_interfaces.msg import Status, Topology
 
 from tissue_sim import conversions
+from tissue_sim.condition_topics import ConditionTopics
 from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
 from tissue_sim.frame import Frame
 from tissue_sim.geometry import scene_geometry
@@ -57,6 +58,7 @@ class SimulationNode(Node):
         self._values = declare(self, specs(overrides(self)))
         self._settings = Settings.of(self._values)
         self._topics = SimulationTopics(self, self._settings.frames.organ)
+        self._conditions = ConditionTopics(self, self._settings.frames.organ)
         self._rivals = Rivals(self, self._topics.state.topic_name)
         self._keyframes = Keyframes(self._topics)
         self._statistics = LoopStatistics()
@@ -207,7 +209,9 @@ class SimulationNode(Node):
             limiter.limits = self._force_limits
             may_push = not quiet and tracker.state in (ACTIVE, FREE)
             wanted = frame.wrenches.get(tool, NOTHING) if may_push else None
-            wrench = limiter.next(wanted, self._rate.period) if has_forces else None
+            # What a blade feels does not come from the model.
+            felt = has_forces or tool in frame.wrenches or limiter.wrench.any()
+            wrench = limiter.next(wanted, self._rate.period) if felt else None
             # A tool removed just now has no publishers any more.
             with contextlib.suppress(InvalidHandle):
                 topics.publish(simulation.poses[tool], wrench, stamp)
@@ -226,6 +230,7 @@ class SimulationNode(Node):
             state = Status.LOADING
         self._say(simulation.epoch, simulation.mesh.version, state, self._message)
         self._topics.publish_tools(list(self._live.trackers.values()), stamp)
+        self._conditions.publish(simulation, stamp)
         self._keyframes.publish_made(now, self._rate.slack())
         self._keyframes.unkeyed += len(frame.edits)
         if self._keyframes.wanted(now) and (

@@ -23,9 +23,19 @@ from tissue_sim.geometry.sheet_geometry import (
 )
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
+from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
+from tissue_sim.interaction.cut_response import CutResponse
 from tissue_sim.interaction.reaction import ForceLimits
 from tissue_sim.interaction.seeding import LARGEST_RADIUS
-from tissue_sim.interaction.tools import LARGEST, SHAPES, SMALLEST, ToolError, ToolSpec
+from tissue_sim.interaction.tools import (
+    AT_USE,
+    CUTTING,
+    LARGEST,
+    SHAPES,
+    SMALLEST,
+    ToolError,
+    ToolSpec,
+)
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.parameters import ParameterError, Spec
 from tissue_sim.scene import Scene
@@ -197,6 +207,10 @@ def tool_specs(tools: Iterable[str]) -> list[Spec]:
                  "How a grab holds: position puts tissue where the tool is, force pulls it there.",
                  choices=HOLDS),
             *[_number(base, parameter) for parameter in COUPLING],
+            Spec(f"{base}.cutting", "string", AT_USE,
+                 "How a blade cuts: at_use once where it is pressed, progressive all it passes.",
+                 choices=CUTTING),
+            *[_number(base, parameter) for parameter in RESPONSE],
             Spec(f"{base}.owner", "string", "scene", "Who set it."),
         ]  # fmt: skip
     return specs
@@ -440,6 +454,8 @@ def _tool(values: Mapping[str, Any], tool: str) -> ToolSpec:
         offset=tuple(values[f"{base}.offset"]),
         hold=values[f"{base}.hold"],
         coupling=Coupling(**{item.name: values[f"{base}.{item.name}"] for item in COUPLING}),
+        cutting=values[f"{base}.cutting"],
+        response=CutResponse(**{item.name: values[f"{base}.{item.name}"] for item in RESPONSE}),
     )
     try:
         return spec.checked()

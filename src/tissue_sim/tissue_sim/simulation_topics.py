@@ -89,6 +89,8 @@ class SimulationTopics:
         self.state.publish(state)
         for number, cut in enumerate(frame.cuts):
             request_id = f"{entry.epoch.hex()[:8]}-{entry.frame}-{number}"
+            if cut.stroke:
+                request_id = f"{cut.stroke}/{entry.frame}"
             self.cut_requests.publish(
                 conversions.cut_request(cut, entry, request_id, self.frame_id, stamp)
             )
@@ -147,6 +149,8 @@ class SimulationTopics:
             pose=conversions.pose_message(tracker.pose),
             hold=spec.hold,
             **spec.coupling.as_arguments(),
+            cutting=spec.cutting,
+            **spec.response.as_arguments(),
         )
         conversions.fill(message.size, np.array(spec.size))
         return message

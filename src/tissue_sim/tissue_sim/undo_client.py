@@ -15,7 +15,9 @@ from tissue_interfaces.srv import Undo
 from tissue_sim.launcher import LaunchError
 
 
-def ask(kind: str, namespace: str, times: int, timeout: float) -> Iterator[str]:
+def ask(
+    kind: str, namespace: str, times: int, timeout: float, strokes: bool = False
+) -> Iterator[str]:
     """Ask so many times; what the simulation says to each.
 
     Args:
@@ -23,6 +25,7 @@ def ask(kind: str, namespace: str, times: int, timeout: float) -> Iterator[str]:
         namespace: Of the organ; "": none.
         times: How many edits.
         timeout: Longest wait for the simulation and for each answer [s].
+        strokes: Whether all edits of one stroke of a blade count as one.
 
     Raises:
         LaunchError: There is no simulation, or it refuses.
@@ -35,14 +38,23 @@ def ask(kind: str, namespace: str, times: int, timeout: float) -> Iterator[str]:
         client = node.create_client(Undo, f"tissue/{kind}")
         if not client.wait_for_service(timeout_sec=timeout):
             raise LaunchError(f"no simulation offers {client.srv_name}; is one running?")
-        for number in range(times):
+        number = 0
+        while number < times:
             request = Undo.Request(author=name, request_id=f"{time.time_ns():x}-{number}")
             answer = _answer(node, client, request, timeout)
             if not answer.success:
                 raise LaunchError(answer.message)
             yield f"{answer.message}; {answer.can_undo} more to undo, {answer.can_redo} to redo"
+            stroke = stroke_of(answer.reverted_request_id)
+            goes_on = strokes and stroke and stroke == stroke_of(answer.next_request_id)
+            number += not goes_on
     finally:
         rclpy.shutdown(context=context)
+
+
+def stroke_of(request_id: str) -> str:
+    """The stroke that an edit belongs to; empty: none."""
+    return request_id.rpartition("/")[0]
 
 
 def _answer(node: Node, client: Client, request: Undo.Request, timeout: float) -> Undo.Response:

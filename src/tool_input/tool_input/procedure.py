@@ -19,7 +19,8 @@ from tool_input.procedure_items import (
 )
 
 TOP_KEYS = ("title", "units", "frame_id", "tools", "timeline", "end")
-TOOL_KEYS = ("kind", "shape", "size", "start")
+TOOL_KEYS = ("kind", "shape", "size", "start", "cutting", "response")
+RESPONSES = ("toughness", "friction", "puncture_force", "puncture_depth")
 MOVE_KEYS = ("at", "move", "to", "by", "turn", "orientation", "for", "path", "through")
 ACTIONS = {
     "label": (),
@@ -51,6 +52,9 @@ class ProcedureTool:
         shape: "sphere", "rectangle" or "triangle"; empty: as the scene has it.
         size: Its size [m] as in Tool.msg; empty: as the scene has it.
         start: Where it is before its first motion.
+        cutting: How a blade cuts: "at_use" or "progressive"; empty: as the scene has it.
+        response: What tissue does to the blade: toughness [J/m^2], friction [N/m], puncture_force
+            [N] and puncture_depth [m]; those left out are the defaults.
     """
 
     name: str
@@ -58,6 +62,8 @@ class ProcedureTool:
     shape: str
     size: tuple[float, ...]
     start: Pose
+    cutting: str = ""
+    response: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -208,7 +214,21 @@ class _Reader:
             if not (numbers > 0).all():
                 raise keys["size"].error("must be greater than 0")
             size = tuple((numbers * self.scale).tolist())
-        return ProcedureTool(name, kind, shape, size, pose_of(keys["start"], self.scale))
+        cutting, response = self._cutting(item, kind, keys)
+        start = pose_of(keys["start"], self.scale)
+        return ProcedureTool(name, kind, shape, size, start, cutting, response)
+
+    @staticmethod
+    def _cutting(item: Item, kind: str, keys: dict[str, Item]) -> tuple[str, dict[str, float]]:
+        if "cutting" not in keys:
+            if "response" in keys:
+                raise keys["response"].error("goes with cutting: progressive")
+            return "", {}
+        cutting = keys["cutting"].one_of(("at_use", "progressive"))
+        if kind != "cut":
+            raise item.error("only a cut tool has the key 'cutting'")
+        given = keys["response"].mapping(RESPONSES) if "response" in keys else {}
+        return cutting, {name: value.number(minimum=0.0) for name, value in given.items()}
 
     def _step(self, item: Item) -> tuple[float, str, dict[str, Item]]:
         every_key = {"at", *ACTIONS}.union(*ACTIONS.values())

@@ -171,17 +171,20 @@ class ScriptNode(Node):
                     f"known: {', '.join(known) or 'none'}. "
                     "Give its shape and size in the procedure, and it will be made"
                 )
-            if tool.shape and (
-                there is None or there.shape != tool.shape or tuple(there.size) != tool.size
-            ):
-                self._make_tool(tool)
+            if _differs(tool, there):
+                self._make_tool(tool, there)
 
-    def _make_tool(self, tool: ProcedureTool) -> None:
+    def _make_tool(self, tool: ProcedureTool, there: Tool | None) -> None:
         client = self.create_client(SetTool, "tissue/set_tool")
         self._wait(client.service_is_ready, self.settings.start_timeout, "no tissue/set_tool")
         request = SetTool.Request(request_id=f"script-tool-{tool.name}-{time.time_ns()}")
-        request.tool.id, request.tool.kind, request.tool.shape = tool.name, tool.kind, tool.shape
-        request.tool.size = [float(value) for value in tool.size]
+        request.tool.id, request.tool.kind = tool.name, tool.kind
+        request.tool.shape = tool.shape or (there.shape if there is not None else "")
+        size = tool.size or (tuple(there.size) if there is not None else ())
+        request.tool.size = [float(value) for value in size]
+        request.tool.cutting = tool.cutting
+        for name, value in tool.response.items():
+            setattr(request.tool, name, float(value))
         request.tool.owner = self.get_fully_qualified_name()
         request.tool.pose = pose_message(tool.start)
         answer = client.call_async(request)
@@ -235,6 +238,16 @@ class ScriptNode(Node):
             "requests": self._requests.log,
         }
         path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+def _differs(tool: ProcedureTool, there: Tool | None) -> bool:
+    """Whether a procedure wants a tool to be other than it is."""
+    if there is None:
+        return True
+    if tool.shape and (there.shape != tool.shape or tuple(there.size) != tool.size):
+        return True
+    felt = {name: getattr(there, name) for name in tool.response}
+    return bool(tool.cutting) and (there.cutting != tool.cutting or felt != tool.response)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -11,18 +11,25 @@ Times = Annotated[int, typer.Option("--times", "-n", min=1, help="How many edits
 Wait = Annotated[float, typer.Option(help="Longest wait for the simulation and its answers [s].")]
 
 
-def undo(namespace: Namespace = "", times: Times = 1, timeout: Wait = 10.0) -> None:
+Stroke = Annotated[bool, typer.Option("--stroke", help="A progressive cut counts as one edit.")]
+
+
+def undo(
+    namespace: Namespace = "", times: Times = 1, timeout: Wait = 10.0, stroke: Stroke = False
+) -> None:
     """Take back the newest edits of a running simulation, whoever made them."""
-    _ask("undo", namespace, times, timeout)
+    _ask("undo", namespace, times, timeout, stroke)
 
 
-def redo(namespace: Namespace = "", times: Times = 1, timeout: Wait = 10.0) -> None:
+def redo(
+    namespace: Namespace = "", times: Times = 1, timeout: Wait = 10.0, stroke: Stroke = False
+) -> None:
     """Make edits again that were undone last, in a running simulation."""
-    _ask("redo", namespace, times, timeout)
+    _ask("redo", namespace, times, timeout, stroke)
 
 
-def _ask(kind: str, namespace: str, times: int, timeout: float) -> None:
+def _ask(kind: str, namespace: str, times: int, timeout: float, strokes: bool) -> None:
     from tissue_sim.undo_client import ask
 
-    for said in ask(kind, namespace, times, timeout):
+    for said in ask(kind, namespace, times, timeout, strokes):
         typer.echo(said)

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 
 from tissue_sim.interaction import rigid
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
+from tissue_sim.interaction.cut_response import CutResponse
 
-GRAB, CUT = "grab", "cut"
+GRAB, CUT, BURN = "grab", "cut", "burn"
+AT_USE, PROGRESSIVE = "at_use", "progressive"
+CUTTING = (AT_USE, PROGRESSIVE)
+"""How a blade cuts: once, where it is pressed, or all it passes while it is pressed."""
 SPHERE, RECTANGLE, TRIANGLE = "sphere", "rectangle", "triangle"
-SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE)}
+SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE), BURN: (SPHERE,)}
 SIZE_WORDS = {
     SPHERE: "[radius]",
     RECTANGLE: "[length along x, depth along z]",
@@ -39,8 +43,8 @@ class ToolSpec:
 
     Attributes:
         id: The <tool> in tools/<tool>/servo_cp.
-        kind: grab or cut.
-        shape: sphere for grab; rectangle or triangle for cut.
+        kind: grab, cut or burn.
+        shape: sphere for grab and burn; rectangle or triangle for cut.
         size: Its lengths [m], see `SIZE_WORDS`.
         pose: Where it is before a pose is received, in the organ frame: x y z [m] and quaternion.
         owner: Who set it.
@@ -48,6 +52,8 @@ class ToolSpec:
         offset: Added to the source's position, after scaling [m].
         hold: How a grab holds: "position" puts nodes where the tool is, "force" pulls them there.
         coupling: What a hold by force pulls with.
+        cutting: How a blade cuts: "at_use" or "progressive".
+        response: What tissue does to a blade that cuts progressively.
     """
 
     id: str
@@ -60,6 +66,8 @@ class ToolSpec:
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
     hold: str = POSITION
     coupling: Coupling = field(default_factory=Coupling)
+    cutting: str = AT_USE
+    response: CutResponse = field(default_factory=CutResponse)
 
     def checked(self) -> ToolSpec:
         """This tool with its quaternion normalised, if it is allowed.
@@ -86,8 +94,13 @@ class ToolSpec:
             raise ToolError(self._allowed("offset", list(self.offset), "three finite numbers [m]"))
         if self.hold not in HOLDS:
             raise ToolError(self._allowed("hold", self.hold, ", ".join(HOLDS)))
+        if self.cutting not in CUTTING:
+            raise ToolError(self._allowed("cutting", self.cutting, ", ".join(CUTTING)))
+        if self.cutting == PROGRESSIVE and self.kind != CUT:
+            raise ToolError(self._allowed("cutting", self.cutting, f"{AT_USE} for kind {GRAB}"))
         try:
             self.coupling.checked()
+            self.response.checked()
         except ValueError as error:
             raise ToolError(f"tool {self.id}: {error}") from None
         if len(self.pose) != 7:
@@ -105,6 +118,7 @@ class ToolSpec:
         """This tool as arguments of a `set_tool` command; plain JSON values."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values["coupling"] = self.coupling.as_arguments()
+        values["response"] = self.response.as_arguments()
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in values.items()
@@ -121,11 +135,13 @@ class ToolSpec:
         for name in ("size", "pose", "offset"):
             if name in known:
                 known[name] = tuple(float(value) for value in known[name])
-        if "coupling" in known:
-            try:
+        try:
+            if "coupling" in known:
                 known["coupling"] = Coupling.from_arguments(known["coupling"])
-            except ValueError as error:
-                raise ToolError(f"tool {known.get('id', '')}: {error}") from None
+            if "response" in known:
+                known["response"] = CutResponse.from_arguments(known["response"])
+        except ValueError as error:
+            raise ToolError(f"tool {known.get('id', '')}: {error}") from None
         try:
             return cls(**known).checked()
         except TypeError as error:
@@ -144,13 +160,20 @@ def blade(
     Returns:
         Corners [m], shape (n, 3), and corner rows of the triangles, shape (m, 3).
     """
+    corners = outline(spec)
+    later = np.arange(1, len(corners) - 1)
+    triangles = np.stack([np.zeros_like(later), later, later + 1], axis=1)
+    return rigid.to_world(pose, corners), triangles.astype(np.uint32)
+
+
+def outline(spec: ToolSpec) -> NDArray[np.float64]:
+    """Corners of a blade in the tool's axes [m], in its xz plane, shape (n, 3).
+
+    They go round from x to z, so that the side k from corner k to the next has its outside to the
+    right.
+    """
     half, depth = spec.size[0] / 2, spec.size[1]
     if spec.shape == TRIANGLE:
-        corners = [[0, 0, 0], [half, 0, depth], [-half, 0, depth]]
-        triangles = [[0, 1, 2]]
-    else:
-        low, high = -depth / 2, depth / 2
-        corners = [[-half, 0, low], [half, 0, low], [half, 0, high], [-half, 0, high]]
-        triangles = [[0, 1, 2], [0, 2, 3]]
-    world = rigid.to_world(pose, np.array(corners, dtype=np.float64))
-    return world, np.array(triangles, dtype=np.uint32)
+        return np.array([[0.0, 0.0, 0.0], [half, 0.0, depth], [-half, 0.0, depth]])
+    low, high = -depth / 2, depth / 2
+    return np.array([[-half, 0, low], [half, 0, low], [half, 0, high], [-half, 0, high]])

@@ -153,7 +153,7 @@ class ToolTracker:
         Args:
             now: Local steady time [s].
             period: Time since the last frame, for the limit of speed [s].
-            holding: Whether it holds tissue.
+            holding: Whether it holds tissue, or cuts it as it moves.
 
         Returns:
             The sample, and whether the tool must let go of everything because its pose is stale.
@@ -193,7 +193,7 @@ class ToolTracker:
         step, self._farthest_step = self._farthest_step, 0.0
         if holding and not self._jump and step > self.limits.max_jump:
             self._jump = (
-                f"jumped {step:.4g} m while holding; allowed: {self.limits.max_jump:g} m; "
+                f"jumped {step:.4g} m while it holds or cuts; allowed: {self.limits.max_jump:g} m; "
                 "release use to go on"
             )
 
