@@ -21,6 +21,7 @@ from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.quality import count_flat
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS
 
 MODELS: dict[str, type[MeshModel]] = {
     model.name: model
@@ -211,6 +212,14 @@ def warm_up(dtype: type[np.floating] = np.float32) -> None:
         model.topology_changed(change, state)
         for _ in range(2 * WIDEN_EVERY):
             model.step(state)
+        change = mesh.apply(_small_stitch(mesh))
+        state.follow(mesh, change)
+        model.topology_changed(change, state)
+        state.displacement[1] += 0.05
+        for _ in range(4):
+            model.step(state)
+        model.forces(state, np.array([1], dtype=np.int32))
+        model.residual(state)
 
 
 def _small_split(mesh: Mesh) -> TopologyEdit:
@@ -221,4 +230,17 @@ def _small_split(mesh: Mesh) -> TopologyEdit:
         copy_parents=np.array([1], dtype=np.uint32),
         rewritten_elements=np.array([1], dtype=np.uint32),
         rewritten_nodes=np.array([[PROVISIONAL, 2, 3, 4]], dtype=np.uint32),
+    )
+
+
+def _small_stitch(mesh: Mesh) -> TopologyEdit:
+    new = np.array([PROVISIONAL], dtype=np.uint32)
+    return TopologyEdit(
+        mesh.version,
+        kind="suture",
+        added_sutures=new,
+        suture_nodes=np.array([[1, 5]], dtype=np.uint32),
+        suture_lengths=np.array([0.01]),
+        suture_stiffness=np.array([DEFAULT_STIFFNESS]),
+        suture_groups=new,
     )
