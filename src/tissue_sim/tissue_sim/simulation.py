@@ -337,10 +337,10 @@ class Simulation:
         checked = self._checked.pop(id(plan), None)
         if checked is None or checked.version != self.mesh.version:
             checked = self.mesh.check(plan)
-        if why := self.model.refusal(checked.nodes):
-            raise EditError(f"model {self.model.name} refuses this edit: {why}")
         if checked.applied.sews and (why := self.model.sewing_refusal()):
             raise EditError(f"model {self.model.name} refuses sutures: {why}")
+        if why := self.model.refusal(checked.nodes):
+            raise EditError(f"model {self.model.name} refuses this edit: {why}")
         change = self.mesh.apply(plan, checked)
         self.history.record(change)
         self.state.follow(self.mesh, change)

@@ -190,8 +190,12 @@ class FiniteElement(MeshModel):
         self._renew_stitches(state)
 
     def _renew_stitches(self, state: State) -> None:
-        """Take the rest edges of stitches anew once the shape is corrected for those before."""
-        if not len(self._stitches) or not self._corrected:
+        """Take the stitches' load anew once the shape is corrected for the one before."""
+        if not len(self._stitches):
+            return
+        if not self._corrected:
+            if self._stitches.catch(state.displacement):
+                self._restart_at(state)
             return
         tolerance, least = self.values["tolerance"], self.values["rest_tolerance"]
         renewed = self._stitches.renew(state.displacement, tolerance, least)
@@ -308,7 +312,7 @@ class FiniteElement(MeshModel):
         if self.corotated is not None:
             self.corotated.prescribed_changed(state, held)
             return
-        self._stitches.sew(state.displacement)
+        self._sew(state)
         arrays = self.springs.arrays
         patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
         self.responses.restart(state, held, patches)
@@ -348,7 +352,7 @@ class FiniteElement(MeshModel):
             self.corotated.follow(change, state)
             return
         self.stiffness.follow(change)
-        self._stitches.sew(state.displacement)
+        self._sew(state)
         if self._direct is not None and (why := self._direct.follow(change)):
             self._direct = None
             self.events.append(f"finite_element: {why}")
@@ -358,15 +362,17 @@ class FiniteElement(MeshModel):
         self.responses.follow(change, state)
         self._begin_anew(state)
 
+    def _sew(self, state: State) -> None:
+        self._stitches.sew(state.displacement)
+        self.responses.strained = len(self._stitches) > 0
+
     def _begin_anew(self, state: State) -> None:
         rows = self.mesh.node_rows
         self._prescribed = np.flatnonzero(state.prescribed[:rows]).astype(np.int32)
         for lane in range(LANES):
             self._leave(lane)
         # Seen from rest, the present shape is the first guess of the first motion's response.
-        self._guessed = self.responses.from_rest
-        # Stitches pull at rest too.
-        self._corrected = self._guessed and not len(self._stitches)
+        self._corrected = self._guessed = self.responses.from_rest
         self._foresees = bool(self.values["foresight"])
 
     def forces(self, state: State, rows: NDArray[np.int32]) -> NDArray[np.float64]:

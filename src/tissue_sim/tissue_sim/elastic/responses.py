@@ -48,6 +48,7 @@ class Responses:
         used: Motions whose response is known.
         pending: Lane of each pending motion.
         changed: Whether the last call of `follow_motion` changed `sum`.
+        strained: Whether tissue is strained that nothing holds: no motion is seen from rest then.
         from_rest: Whether motions are those from rest: there is no base then, and what is left of
             the forces shrinks with them. Otherwise they are those since the last change of what is
             held, beside a base that may be anything.
@@ -58,6 +59,7 @@ class Responses:
     def __init__(self, capacity: int, dtype: type[np.floating]) -> None:
         """Begin with nothing held."""
         self.used, self.changed, self.from_rest = 0, False, False
+        self.strained = False
         self.pending: list[int] = []
         self.sum = np.zeros((capacity, 3), dtype=dtype)
         self.guess = np.zeros((capacity, 3), dtype=dtype)
@@ -121,7 +123,7 @@ class Responses:
         """Begin anew from the present shape, with the same nodes held."""
         shape = state.displacement
         far = np.abs(shape[self._held]).max(initial=0.0)
-        self.from_rest = bool(far > FAR * np.abs(shape).max())
+        self.from_rest = bool(far > FAR * np.abs(shape).max()) and not self.strained
         self._base[:] = 0.0 if self.from_rest else shape
         self.sum[:] = self._base
         self._origin[:] = self._base[self._held]

@@ -90,6 +90,13 @@ class StitchBlocks:
         other = (along < TURNED) | (ratio > OTHER) | (ratio < 1.0 / OTHER)
         return bool(other[directed].any())
 
+    def catch(self, u: NDArray[np.floating]) -> bool:
+        """Put slack threads that are longer than at rest into the matrix; whether there are any."""
+        if not (self._taut_at(u, 0.0) & ~self.taut).any():
+            return False
+        self.sew(u)
+        return True
+
     def renew(self, u: NDArray[np.floating], tolerance: float, least: float) -> str:
         """Take the rest edges anew where they have turned.
 

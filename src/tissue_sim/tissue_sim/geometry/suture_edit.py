@@ -100,7 +100,5 @@ def _permanent(
     ids = np.arange(first, first + len(ids))
     groups = np.where(groups >= PROVISIONAL, groups - PROVISIONAL + first, groups)
     if ((groups < FIRST_ID) | (groups >= first + len(ids))).any():
-        raise EditError(
-            "a suture's group is the id of no suture; allowed: that of its first stitch"
-        )
+        raise EditError("a suture's group is no suture's id; allowed: that of its first stitch")
     return ids.astype(np.uint32), groups.astype(np.uint32)

@@ -1,0 +1,245 @@
+"""The service `tissue/suture` of the node `cut_service`."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from tissue_interfaces.srv import ApplyEdit, Suture
+
+from cut_service.errors import CutCode, CutError
+from cut_service.ledger import Ledger
+from cut_service.suturing import (
+    Sewing,
+    SutureCode,
+    SutureError,
+    chosen,
+    plan_removal,
+    plan_sewing,
+    plan_tightening,
+    pulls,
+)
+from cut_service.waiting import Until
+from tissue_sim import conversions
+from tissue_sim.frames import Frames, UnknownFrameError
+from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.sutures import Sutures
+from tissue_sim.replica import Replica, Shape
+
+PAUSE_WHEN_BUSY = 0.25
+"""Wait before a busy simulation is asked again [s]."""
+
+ATTEMPTS = 3
+"""How often a request is planned when the tissue changes meanwhile."""
+
+PATIENCE = 30.0
+"""Longest wait of a repeated request for the first one's answer [s]."""
+
+_CODES = {
+    CutCode.NO_TISSUE: SutureCode.NO_TISSUE,
+    CutCode.STATE_FRAME_GONE: SutureCode.STATE_FRAME_GONE,
+    CutCode.SIMULATION_LOST: SutureCode.SIMULATION_LOST,
+    CutCode.STALE: SutureCode.STALE,
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The answer to one request: of which sutures, and what each pulls with [N]."""
+
+    code: SutureCode
+    message: str
+    version: int = 0
+    sutures: Sutures | None = None
+    forces: tuple[float, ...] = ()
+    group: int = 0
+
+
+@dataclass(frozen=True)
+class _Planned:
+    edit: TopologyEdit
+    sutures: Sutures
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What the node does for all of its services.
+
+    Attributes:
+        replica: The organ.
+        frames: Frames that are known now.
+        shape_at: The organ's shape at a frame; waits for it.
+        ask: The simulation's answer to a plan that has an `edit`, of an epoch.
+        newer_than: Waits for a version after the one given, of an epoch.
+    """
+
+    replica: Replica
+    frames: Callable[[], Frames]
+    shape_at: Callable[[int], Awaitable[Shape]]
+    ask: Callable[[Any, bytes], Awaitable[ApplyEdit.Response]]
+    newer_than: Callable[[int, bytes], Awaitable[None]]
+
+
+class SutureServer:
+    """Plans sutures on the node's replica and asks the simulation to apply them."""
+
+    def __init__(
+        self, node: Node, group: CallbackGroup, followed: Followed, remembered: int
+    ) -> None:
+        """Serve `tissue/suture`.
+
+        Args:
+            node: The node.
+            group: Callback group of handlers that wait.
+            followed: What it knows of the organ.
+            remembered: Requests whose answers are kept.
+        """
+        self._node, self._followed = node, followed
+        self._ledger: Ledger[Outcome] = Ledger(remembered)
+        node.create_service(Suture, "tissue/suture", self._on_suture, callback_group=group)
+
+    async def _on_suture(
+        self, request: Suture.Request, response: Suture.Response
+    ) -> Suture.Response:
+        outcome = await self._once(request)
+        response.success = outcome.code == SutureCode.NONE
+        response.message, response.error_code = outcome.message, int(outcome.code)
+        response.version, response.made_group = outcome.version, outcome.group
+        if outcome.sutures is not None:
+            conversions.fill(response.made, outcome.sutures.ids)
+            conversions.fill(response.lengths, outcome.sutures.lengths)
+            conversions.fill(response.forces, np.array(outcome.forces))
+        return response
+
+    async def _once(self, request: Suture.Request) -> Outcome:
+        request.request_id = request.request_id or uuid.uuid4().hex
+        entry, is_new = self._ledger.open(request.request_id)
+        if not is_new:
+            await Until(lambda: entry.answer is not None, PATIENCE)
+            return entry.answer or Outcome(
+                SutureCode.SIMULATION_LOST, "the first request with this id is not answered yet"
+            )
+        try:
+            outcome = await self._carry_out(request)
+        except SutureError as error:
+            outcome = Outcome(error.code, str(error))
+        except CutError as error:
+            outcome = Outcome(_CODES.get(error.code, SutureCode.REFUSED), str(error))
+        except Exception as error:
+            # Whatever went wrong, the client is answered and the service goes on.
+            self._node.get_logger().error(f"sewing failed: {type(error).__name__}: {error}")
+            outcome = Outcome(SutureCode.REFUSED, f"planning failed: {error}")
+        entry.answer = outcome
+        self._node.get_logger().info(f"suture: {outcome.message}")
+        return outcome
+
+    async def _carry_out(self, request: Suture.Request) -> Outcome:
+        plan = self._planner(request)
+        wanted = await self._followed.shape_at(request.state_frame)
+        epoch = self._followed.replica.epoch
+        if request.action == Suture.Request.LIST:
+            return self._listed(request, wanted)
+        shape, message = wanted if request.state_frame else None, ""
+        for attempt in range(1, ATTEMPTS + 1):
+            shape = shape or await self._followed.shape_at(0)
+            planned = plan(self._mesh(), shape)
+            edit = replace(
+                planned.edit, base_frame=shape.frame, author=request.author,
+                request_id=f"{request.request_id}{f'~{attempt}' if attempt > 1 else ''}",
+            )  # fmt: skip
+            if self._followed.replica.epoch != epoch:
+                raise SutureError(
+                    SutureCode.SIMULATION_LOST, "the simulation restarted; nothing was sewn"
+                )
+            answer = await self._followed.ask(replace(planned, edit=edit), epoch)
+            if answer.success:
+                return self._done(planned, edit, shape, answer)
+            message = answer.message
+            if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
+                raise SutureError(SutureCode.REFUSED, f"the simulation refused: {message}")
+            if answer.error_code == ApplyEdit.Response.BUSY:
+                await Until(lambda: False, PAUSE_WHEN_BUSY)
+            else:
+                await self._followed.newer_than(edit.base_version, epoch)
+            shape = None
+        raise SutureError(
+            SutureCode.STALE, f"the tissue changed under {ATTEMPTS} plans ({message})"
+        )
+
+    def _planner(self, request: Suture.Request) -> Callable[[Mesh, Shape], _Planned]:
+        """What to plan, checked as far as that goes without the tissue."""
+        actions = Suture.Request
+        ids = conversions.array_of(request.sutures, np.uint32).copy()
+        if request.action == actions.SEW:
+            numbers = conversions.array_of(request.positions, np.float64)
+            if numbers.size % 3:
+                raise SutureError(
+                    SutureCode.INVALID, f"{numbers.size} coordinates; allowed: three per position"
+                )
+            wanted = Sewing(
+                numbers.reshape(-1, 3).copy(), request.spacing, request.running, request.reach,
+                request.stiffness, request.length,
+            )  # fmt: skip
+            return lambda mesh, shape: self._sewing(mesh, shape, wanted, request.header.frame_id)
+        if request.action not in (actions.TIGHTEN, actions.REMOVE, actions.LIST):
+            raise SutureError(
+                SutureCode.INVALID, f"unknown action {request.action}; allowed: 0 to 3"
+            )
+
+        def plan(mesh: Mesh, shape: Shape) -> _Planned:
+            sutures = chosen(mesh.sutures, ids, int(request.group))
+            if request.action == actions.REMOVE:
+                return _Planned(plan_removal(mesh, sutures), sutures)
+            edit = plan_tightening(mesh, shape.positions, sutures, request.length)
+            return _Planned(edit, replace(sutures, lengths=edit.changed_lengths))
+
+        return plan
+
+    def _sewing(self, mesh: Mesh, shape: Shape, wanted: Sewing, frame_id: str) -> _Planned:
+        try:
+            frames = self._followed.frames()
+            points = frames.points_in_organ(frame_id or frames.organ, wanted.positions)
+        except UnknownFrameError as error:
+            raise SutureError(SutureCode.UNKNOWN_FRAME, str(error)) from None
+        edit = plan_sewing(mesh, shape.positions, replace(wanted, positions=points))
+        made = Sutures(
+            edit.added_sutures, mesh.node_rows_of(edit.suture_nodes), edit.suture_lengths,
+            edit.suture_stiffness, edit.suture_groups,
+        )  # fmt: skip
+        return _Planned(edit, made)
+
+    def _done(
+        self, planned: _Planned, edit: TopologyEdit, shape: Shape, answer: ApplyEdit.Response
+    ) -> Outcome:
+        sutures, group = planned.sutures, 0
+        if len(edit.added_sutures):
+            ids = conversions.array_of(answer.applied.added_sutures, np.uint32)
+            groups = conversions.array_of(answer.applied.suture_groups, np.uint32)
+            sutures = replace(sutures, ids=ids.copy(), groups=groups.copy())
+            group = int(groups[0]) if len(groups) > 1 and (groups == groups[0]).all() else 0
+        forces = pulls(sutures, shape.positions)
+        text = f"{edit.kind}: {len(sutures)} stitches, {forces.sum():.3g} N at this shape"
+        return Outcome(
+            SutureCode.NONE, text, answer.version, sutures, tuple(forces.tolist()), group
+        )
+
+    def _listed(self, request: Suture.Request, shape: Shape) -> Outcome:
+        mesh = self._mesh()
+        ids = conversions.array_of(request.sutures, np.uint32)
+        group = int(request.group)
+        found = chosen(mesh.sutures, ids, group) if len(ids) or group else mesh.sutures
+        forces = pulls(found, shape.positions)
+        text = f"{len(found)} stitches pull with {forces.sum():.3g} N"
+        return Outcome(SutureCode.NONE, text, mesh.version, found, tuple(forces.tolist()), group)
+
+    def _mesh(self) -> Mesh:
+        mesh = self._followed.replica.mesh
+        if mesh is None:
+            raise SutureError(SutureCode.NO_TISSUE, "no topology has been received yet")
+        return mesh
