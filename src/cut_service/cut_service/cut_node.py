@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 import uuid
-from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,12 +17,19 @@ from tissue_interfaces.srv import ApplyEdit, Cut
 from cut_service.cut_parameters import SPECS, CutParameters
 from cut_service.errors import CutCode, CutError
 from cut_service.ledger import Ledger
-from cut_service.planner import SHEET_METHOD, Plan, Report, plan
+from cut_service.organ import organ_of
+from cut_service.outcome import Outcome
+from cut_service.planner import SHEET_METHOD, Plan, Report, Settings, plan
+from cut_service.strokes import Pick, Strip, Strokes
+from cut_service.suture_node import Followed, SutureServer
 from cut_service.sweep import Sweep
+from cut_service.tissue_watch import TissueWatch
 from cut_service.waiting import Until
 from cut_service.warm_up import warm_up
+from cut_service.watch_parameters import WATCH_SPECS
 from tissue_sim import conversions, node_main, qos
 from tissue_sim.frames import Frames, UnknownFrameError, frame_specs
+from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.replica import Replica, Shape
 
 WAKE_PERIOD = 0.05
@@ -40,31 +46,25 @@ TRIES = 3
 """How often an edit is sent while the simulation does not answer."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The answer to one request."""
-
-    code: CutCode
-    message: str
-    version: int = 0
-    plan: Plan | None = None
-    apply_ms: float = 0.0
-
-
 class CutNode(Node):
     """Follows the simulation's organ, plans cuts on it and asks the simulation to apply them."""
 
     def __init__(self) -> None:
         super().__init__("cut_service")
         frame_names = node_main.names_under(self, "frames")
-        self._values = node_main.declare(self, [*SPECS, *frame_specs(frame_names)])
+        self._values = node_main.declare(self, [*SPECS, *WATCH_SPECS, *frame_specs(frame_names)])
         self._settings = CutParameters.of(self._values)
         self._frames = Frames.from_parameters("organ", self._values)
         self._replica = Replica(self._settings.shapes_kept)
+        self._strokes = Strokes(self._replica, self._settings.settings, self.get_logger().info)
         self._ledger: Ledger[Outcome] = Ledger(self._settings.requests_remembered)
         self._counts = {"applied": 0, "failed": 0, "replanned": 0}
         self._last: Outcome | None = None
         self._last_state = -np.inf
+        self._watch = TissueWatch(
+            self, self._replica, self._settings.settings, self._settings.answer_timeout,
+            lambda: self._frames.organ,
+        )  # fmt: skip
         seconds = warm_up()
         group = ReentrantCallbackGroup()
         self.create_subscription(
@@ -79,6 +79,10 @@ class CutNode(Node):
             callback_group=group,
         )  # fmt: skip
         self.create_service(Cut, "tissue/cut", self._on_cut, callback_group=group)
+        followed = Followed(
+            self._replica, lambda: self._frames, self._shape_at, self._ask, self._newer_than
+        )
+        self._sutures = SutureServer(self, group, followed, self._settings.requests_remembered)
         self.create_timer(WAKE_PERIOD, lambda: None)
         self.create_timer(1.0, self._publish_diagnostics)
         self.get_logger().info(f"ready (kernels compiled in {seconds:.1f} s)")
@@ -92,13 +96,24 @@ class CutNode(Node):
         restarted = bool(self._replica.epoch) and epoch != self._replica.epoch
         self._frames = Frames.from_parameters(message.header.frame_id, self._values)
         self._replica.take_keyframe(epoch, conversions.topology_to_mesh(message))
+        self._look_at_organ()
         self.get_logger().info(
             f"{'the simulation restarted: ' if restarted else ''}attached to {message.organ}, "
             f"epoch {epoch.hex()[:8]}, version {message.version}"
         )
 
     def _on_edit(self, message: messages.TopologyEdit) -> None:
-        self._replica.take_edit(conversions.epoch_of(message), conversions.edit_from_msg(message))
+        edit = conversions.edit_from_msg(message)
+        change = self._replica.take_edit(conversions.epoch_of(message), edit)
+        if change is not None:
+            self._look_at_organ()
+            self._watch.on_edit(change)
+
+    def _look_at_organ(self) -> None:
+        """Look at what is new of the organ now, and not when a request waits for its plan."""
+        mesh = self._replica.mesh
+        if mesh is not None and mesh.sheet_rows is None:
+            organ_of(mesh)
 
     def _on_state(self, message: messages.TissueState) -> None:
         self._last_state = time.monotonic()
@@ -106,6 +121,7 @@ class CutNode(Node):
             conversions.epoch_of(message), message.version, message.frame,
             conversions.positions_from_state(message),
         )  # fmt: skip
+        self._watch.on_state(message)
 
     # Requests
 
@@ -127,7 +143,29 @@ class CutNode(Node):
                 f"followed is {self._replica.epoch.hex()[:8] or 'none yet'}"
             )
             return
-        await self._once(message.request_id, message.sweep, "", message.tool)
+        if message.stroke:
+            await self._strokes.take(self._strip(message, epoch), self._cut_strip)
+        else:
+            await self._once(message.request_id, message.sweep, "", message.tool)
+
+    def _strip(self, message: messages.CutRequest, epoch: bytes) -> Strip:
+        return Strip(
+            message.stroke, message.strip, message.ends, message.tool, epoch,
+            message.sweep.state_frame, np.array(message.sweep.vertices),
+            np.array(message.sweep.triangles),
+        )  # fmt: skip
+
+    async def _cut_strip(
+        self, pick: Pick, frame: int, epoch: bytes, tool: str, request_id: str
+    ) -> Outcome:
+        """Cut along what a stroke has passed, on the newest shape, which must know of its pose."""
+        replica = self._replica
+        await Until(
+            lambda: replica.ready and replica.newest_frame >= frame, self._settings.tissue_timeout
+        )
+        outcome = await self._cut_along(pick, None, epoch, "", tool, request_id)
+        self._last = outcome
+        return outcome
 
     async def _once(
         self, request_id: str, sweep: messages.Sweep, method: str, author: str
@@ -160,14 +198,30 @@ class CutNode(Node):
     async def _cut(
         self, request_id: str, message: messages.Sweep, method: str, author: str
     ) -> Outcome:
-        sweep = Sweep.from_arrays(message.vertices, message.triangles)
+        drawn = Sweep.from_arrays(message.vertices, message.triangles)
         shape: Shape | None = await self._shape_at(message.state_frame)
         epoch = self._replica.epoch
-        sweep = self._in_organ(sweep, message.header.frame_id)
+        sweep = self._in_organ(drawn, message.header.frame_id)
+
+        def pick(_mesh: Mesh, _shape: Shape) -> tuple[Sweep, Settings]:
+            return sweep, self._settings.settings
+
+        return await self._cut_along(pick, shape, epoch, method, author, request_id)
+
+    async def _cut_along(
+        self,
+        pick: Pick,
+        shape: Shape | None,
+        epoch: bytes,
+        method: str,
+        author: str,
+        request_id: str,
+    ) -> Outcome:
+        """Plan, ask the simulation, and plan again on the newest shape when the tissue changed."""
         for attempt in range(1, self._settings.attempts + 1):
             shape = shape or await self._shape_at(0)
             self._refuse_other_epoch(epoch)
-            planned = self._plan(shape, sweep, method, author, _edit_id(request_id, attempt))
+            planned = self._plan(shape, pick, method, author, _edit_id(request_id, attempt))
             answer = await self._ask(planned, epoch)
             if answer.success:
                 return Outcome(
@@ -224,15 +278,15 @@ class CutNode(Node):
             raise CutError(CutCode.UNKNOWN_FRAME, str(error)) from None
         return Sweep(np.ascontiguousarray(vertices), sweep.triangles)
 
-    def _plan(self, shape: Shape, sweep: Sweep, method: str, author: str, request_id: str) -> Plan:
+    def _plan(self, shape: Shape, pick: Pick, method: str, author: str, request_id: str) -> Plan:
         mesh = self._replica.mesh
         if mesh is None:
             raise CutError(CutCode.NO_TISSUE, "no topology of the tissue has been received yet")
         default = self._settings.method if mesh.sheet_rows is None else SHEET_METHOD
+        sweep, settings = pick(mesh, shape)
         return plan(
-            mesh, shape.positions, sweep, method or default,
-            settings=self._settings.settings, base_frame=shape.frame,
-            author=author or self.get_name(), request_id=request_id,
+            mesh, shape.positions, sweep, method or default, settings=settings,
+            base_frame=shape.frame, author=author or self.get_name(), request_id=request_id,
         )  # fmt: skip
 
     async def _ask(self, planned: Plan, epoch: bytes) -> ApplyEdit.Response:
@@ -286,6 +340,9 @@ class CutNode(Node):
             "states ignored": replica.ignored_states,
             "gaps in edits": replica.gaps,
             **{f"cuts {what}": number for what, number in self._counts.items()},
+            "strokes": self._strokes.finished,
+            "last stroke": self._strokes.last,
+            "last stroke in figures": self._strokes.last_figures,
         }
         if last is not None:
             values["last cut"] = last.message
@@ -307,7 +364,8 @@ class CutNode(Node):
             hardware_id="",
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
-        array = DiagnosticArray(status=[status])
+        watch = self._watch.status(self.get_fully_qualified_name())
+        array = DiagnosticArray(status=[watch, status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
