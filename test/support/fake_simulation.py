@@ -82,7 +82,10 @@ class FakeSimulation(Node):
                 return response
             if conversions.epoch_of(request.edit) != self.epoch:
                 raise StaleEditError("another epoch")
-            response.version = self.apply(edit).version
+            applied = self.apply(edit)
+            response.version = applied.version
+            stamp = self.get_clock().now().to_msg()
+            response.applied = conversions.edit_to_msg(applied, self.epoch, FRAME, stamp)
             response.success = True
             response.apply_ms = 1.0
         except StaleEditError as error:

@@ -96,6 +96,12 @@ def plan_sewing(mesh: Mesh, shape: NDArray[np.floating], wanted: Sewing) -> Topo
     along = np.zeros(len(ends))
     if wanted.running:
         ends, along = _with_crossings(places, ends)
+        if (ends[:, 0] == ends[:, 1]).any():
+            raise SutureError(
+                SutureCode.NOTHING_THERE,
+                "the thread would cross from a node to itself: the edges are closer to each other "
+                "there than nodes are",
+            )
     lengths = _lengths(places, ends, along, wanted.length)
     stiffness = np.full(len(ends), wanted.stiffness or DEFAULT_STIFFNESS)
     if why := why_not(lengths, stiffness):
