@@ -13,8 +13,11 @@ from tool_input.located_yaml import Item, read_located, read_located_file
 from tool_input.motion import Motion, Pose
 from tool_input.procedure_items import (
     SIZES,
+    Stitching,
     pose_of,
+    rest_length_of,
     rotation_of,
+    stitching_of,
     sweep_of,
 )
 
@@ -36,10 +39,16 @@ ACTIONS = {
     "reset": (),
     "undo": (),
     "redo": (),
+    "suture": ("name", "spacing", "running", "length", "share", "reach", "stiffness"),
+    "tighten": ("length", "share"),
+    "unsuture": (),
 }
 """Actions of the timeline, and the keys each may have besides itself and `at`."""
 
 DEFAULT_USE_SECONDS = 0.1
+
+ALL_SUTURES = "all"
+"""What `tighten` and `unsuture` call everything that is sewn."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +95,13 @@ class Event:
     Attributes:
         time: When [s].
         action: One of `ACTIONS` but "move" and "use", which are taken apart when the file is read.
-        target: Tool, model or text of the label; empty where the action needs none.
-        value: Radius [m] of a grab, or whether to pause.
+        target: Tool, model, name of stitches or text of the label; empty where the action needs
+            none.
+        value: Radius [m] of a grab, rest length [m] of stitches (negative: as long as they are
+            times -value), or whether to pause.
         method: Method of a cut; empty: the service's default.
         sweep: What a cut follows.
+        stitching: What is sewn.
         parameters: Parameters of a model.
         where: File and line.
     """
@@ -100,6 +112,7 @@ class Event:
     value: float = 0.0
     method: str = ""
     sweep: SweepShape | None = None
+    stitching: Stitching | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     where: str = ""
 
@@ -176,6 +189,7 @@ class _Reader:
         self.places = {name: tool.start for name, tool in self.tools.items()}
         self.motions: dict[str, list[Motion]] = {name: [] for name in self.tools}
         self.events: list[Event] = []
+        self.sewn: set[str] = set()
         self.levels: dict[str, list[tuple[float, bool, Item]]] = {name: [] for name in self.tools}
 
     def procedure(self) -> Procedure:
@@ -265,10 +279,31 @@ class _Reader:
             self._add(item, time, action, subject.text())
         elif action == "pause":
             self._add(item, time, action, value=float(subject.flag()))
+        elif action in ("suture", "tighten", "unsuture"):
+            self._sew(item, time, action, keys)
         elif action in ("reset", "undo", "redo"):
             if not subject.flag():
                 raise subject.error("must be true")
             self._add(item, time, action)
+
+    def _sew(self, item: Item, time: float, action: str, keys: dict[str, Item]) -> None:
+        subject, stitching = keys[action], None
+        if action == "suture":
+            name = keys["name"].text() if "name" in keys else ""
+            if name in (*self.sewn, ALL_SUTURES):
+                raise keys["name"].error(f"{name!r} is taken")
+            self.sewn |= {name} - {""}
+            stitching = stitching_of(subject, keys, self.scale)
+        else:
+            name = subject.text()
+            if name not in (*self.sewn, ALL_SUTURES):
+                known = ", ".join([*sorted(self.sewn), ALL_SUTURES])
+                raise subject.error(f"nothing was sewn as {name!r} before; allowed: {known}")
+        length = rest_length_of(item, keys, self.scale)
+        if action == "tighten" and not {"length", "share"} & set(keys):
+            raise item.error("must have either length or share")
+        event = Event(time, action, name, length, stitching=stitching, where=item.where)
+        self.events.append(event)
 
     def _add(
         self,

@@ -1,6 +1,8 @@
-"""Poses, rotations and sweeps as a procedure file writes them."""
+"""Poses, rotations, sweeps and stitches as a procedure file writes them."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +98,69 @@ def _strip(item: Item, scale: float) -> tuple[NDArray[np.float64], NDArray[np.in
     lower = np.stack([rows, rows + 1, rows + count], axis=1)
     upper = np.stack([rows + 1, rows + 1 + count, rows + count], axis=1)
     return np.concatenate([first, second]), np.concatenate([lower, upper])
+
+
+@dataclass(frozen=True)
+class Stitching:
+    """What a `suture` step sews.
+
+    Attributes:
+        positions: Pairs, or two lines one after the other [m], shape (n, 3).
+        spacing: Distance of stitches along the lines [m]; 0: every pair is a stitch.
+        running: Whether one thread makes all stitches.
+        reach: Longest way from a position to a node [m]; 0: the service's default.
+        stiffness: Of each stitch [N/m]; 0: the service's default.
+    """
+
+    positions: NDArray[np.float64]
+    spacing: float
+    running: bool
+    reach: float
+    stiffness: float
+
+
+def stitching_of(item: Item, keys: dict[str, Item], scale: float) -> Stitching:
+    """What a `suture` step sews: pairs of points, or two edges with a spacing.
+
+    Args:
+        item: `{pairs: [[a, b], ...]}` or `{from: [points], to: [points]}`, the edges in the same
+            direction.
+        keys: The step's `spacing`, `running`, `reach` and `stiffness` [N/m].
+        scale: Metres per unit of length of the file.
+    """
+    subject = item.mapping(("pairs", "from", "to"))
+    if set(subject) == {"pairs"}:
+        if "spacing" in keys:
+            raise keys["spacing"].error("goes with from and to: pairs are stitches as they are")
+        pairs = [_points(pair, scale) for pair in subject["pairs"].list()]
+        if not pairs or any(len(pair) != 2 for pair in pairs):
+            raise subject["pairs"].error("must be pairs of points, at least one")
+        points = np.concatenate(pairs)
+    elif set(subject) == {"from", "to"}:
+        if "spacing" not in keys:
+            raise item.error("from and to need the key 'spacing'")
+        lines = [_points(subject[name], scale) for name in ("from", "to")]
+        if len(lines[0]) != len(lines[1]) or len(lines[0]) < 2:
+            raise item.error("from and to must have the same number of points, at least 2")
+        points = np.concatenate(lines)
+    else:
+        raise item.error("must have either pairs, or from and to")
+
+    def number(name: str, unit: float) -> float:
+        return keys[name].number(above=0.0) * unit if name in keys else 0.0
+
+    running = keys["running"].flag() if "running" in keys else False
+    spacing, reach = number("spacing", scale), number("reach", scale)
+    return Stitching(points, spacing, running, reach, number("stiffness", 1.0))
+
+
+def rest_length_of(item: Item, keys: dict[str, Item], scale: float) -> float:
+    """A step's `length` [m], or minus its `share` of the present length; -1 for neither."""
+    if {"length", "share"} <= set(keys):
+        raise item.error("either length or share")
+    if "length" in keys:
+        return keys["length"].number(minimum=0.0) * scale
+    return -keys["share"].number(above=0.0) if "share" in keys else -1.0
 
 
 def _points(item: Item, scale: float) -> NDArray[np.float64]:

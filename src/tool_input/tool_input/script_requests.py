@@ -12,9 +12,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Sweep
-from tissue_interfaces.srv import Cut, Grab, Release, SetModel, Undo
+from tissue_interfaces.srv import Cut, Grab, Release, SetModel, Suture, Undo
 
-from tool_input.procedure import Event, Procedure
+from tool_input.procedure import ALL_SUTURES, Event, Procedure
 
 SERVICES = {
     "cut": (Cut, "tissue/cut"),
@@ -25,7 +25,17 @@ SERVICES = {
     "reset": (Trigger, "tissue/reset"),
     "undo": (Undo, "tissue/undo"),
     "redo": (Undo, "tissue/redo"),
+    "suture": (Suture, "tissue/suture"),
+    "tighten": (Suture, "tissue/suture"),
+    "unsuture": (Suture, "tissue/suture"),
 }
+
+SEWING = {
+    "suture": Suture.Request.SEW,
+    "tighten": Suture.Request.TIGHTEN,
+    "unsuture": Suture.Request.REMOVE,
+}
+"""Actions of `tissue/suture`."""
 
 
 class Requests:
@@ -59,6 +69,7 @@ class Requests:
         self._lock = threading.Lock()
         self._waiting: dict[int, tuple[Event, float]] = {}
         self._count = 0
+        self._sewn: dict[str, list[int]] = {}
         self.log: list[dict[str, Any]] = []
         self.failures: list[str] = []
 
@@ -70,9 +81,13 @@ class Requests:
         """Send the request of an event."""
         self._count += 1
         number = self._count
+        try:
+            request = self._request(event, f"{self._session}-{number}")
+        except LookupError as error:
+            self._fail(event, str(error))
+            return
         with self._lock:
             self._waiting[number] = (event, time.monotonic())
-        request = self._request(event, f"{self._session}-{number}")
         future = self._clients[event.action].call_async(request)
         future.add_done_callback(lambda done: self._answered(number, done))
 
@@ -104,7 +119,26 @@ class Requests:
             return SetBool.Request(data=bool(event.value))
         if event.action in ("undo", "redo"):
             return Undo.Request(author=self._session, request_id=request_id)
+        if event.action in SEWING:
+            return self._sewing(event, request_id)
         return Trigger.Request()
+
+    def _sewing(self, event: Event, request_id: str) -> Suture.Request:
+        request = Suture.Request(action=SEWING[event.action], length=float(event.value))
+        request.author, request.request_id = self._session, request_id
+        request.header.frame_id = self._procedure.frame_id
+        if event.stitching is None:
+            if event.target != ALL_SUTURES:
+                with self._lock:
+                    if event.target not in self._sewn:
+                        raise LookupError(f"{event.target} has not been sewn")
+                    request.sutures = self._sewn[event.target]
+            return request
+        wanted = event.stitching
+        request.positions = wanted.positions.ravel().tolist()
+        request.spacing, request.reach = float(wanted.spacing), float(wanted.reach)
+        request.stiffness, request.running = float(wanted.stiffness), bool(wanted.running)
+        return request
 
     def _sweep(self, event: Event) -> Sweep:
         if event.sweep is None:
@@ -132,6 +166,9 @@ class Requests:
             "milliseconds": round(1e3 * (time.monotonic() - sent), 3),
         }
         entry |= _details(event.action, answer)
+        if event.action == "suture" and answer.success and event.target:
+            with self._lock:
+                self._sewn[event.target] = [int(suture) for suture in answer.made]
         self.log.append(entry)
         if answer.success:
             self._say(f"{event} done{': ' + answer.message if answer.message else ''}")
@@ -158,4 +195,12 @@ def _details(action: str, answer: Any) -> dict[str, Any]:  # a generated class
         }
     if action == "grab":
         return {"hold_id": answer.hold_id, "nodes": answer.nodes, "taken": answer.taken}
+    if action in SEWING:
+        return {
+            "sutures": list(answer.made),
+            "lengths": [float(length) for length in answer.lengths],
+            "forces": [float(force) for force in answer.forces],
+            "version": answer.version,
+            "error_code": answer.error_code,
+        }
     return {}

@@ -223,3 +223,56 @@ def test_demo_lasts_long_enough_and_moves_no_faster_than_the_simulation_lets_too
     assert procedure.end * 60 >= 1200
     speeds = [motion.top_speed() for motions in procedure.motions.values() for motion in motions]
     assert max(speeds) < 0.1
+
+
+SEWN = """
+units: mm
+tools: {}
+timeline:
+  - at: 1
+    suture: {from: [[0, 0, 0], [0, 9, 0]], to: [[1, 0, 0], [1, 9, 0]]}
+    running: true
+    name: rim
+    spacing: 3
+  - {at: 2, suture: {pairs: [[[0, 0, 0], [1, 0, 0]]]}, length: 0.5, reach: 2, stiffness: 300}
+  - {at: 3, tighten: rim, share: 0.5}
+  - {at: 4, tighten: all, length: 0}
+  - {at: 5, unsuture: rim}
+"""
+
+
+def test_stitches_are_read_with_lengths_in_the_files_units() -> None:
+    procedure = parse_procedure(SEWN)
+    line, pair, share, tight, out = procedure.events
+    assert line.stitching is not None
+    assert pair.stitching is not None
+    np.testing.assert_allclose(line.stitching.positions[:, 1], [0.0, 0.009, 0.0, 0.009])
+    assert (line.stitching.spacing, line.stitching.running, line.value) == (0.003, True, -1.0)
+    np.testing.assert_allclose(pair.stitching.positions, [[0, 0, 0], [0.001, 0, 0]])
+    assert (pair.stitching.reach, pair.stitching.stiffness, pair.value) == (0.002, 300.0, 0.0005)
+    assert [(event.action, event.target, event.value) for event in (share, tight)] == [
+        ("tighten", "rim", -0.5),
+        ("tighten", "all", 0.0),
+    ]
+    assert str(out) == "unsuture rim"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("tighten: rim", "tighten: hem", "nothing was sewn as 'hem' before; allowed: rim, all"),
+        ("name: rim", "name: all", "'all' is taken"),
+        (", share: 0.5", "", "must have either length or share"),
+        ("share: 0.5", "share: 0.5, length: 1", "either length or share"),
+        ("share: 0.5", "share: -1", "must be more than 0|greater than 0"),
+        ("    spacing: 3\n", "", "from and to need the key 'spacing'"),
+        ("length: 0.5", "length: 0.5, spacing: 1", "pairs are stitches as they are"),
+        ("to: [[1, 0, 0], [1, 9, 0]]", "to: [[1, 0, 0]]", "the same number of points"),
+        ("[1, 0, 0]]]}", "[1, 0, 0], [2, 0, 0]]]}", "must be pairs of points"),
+        ("length: 0.5", "length: .nan", "finite"),
+    ],
+)
+def test_mistakes_in_stitches_are_refused(old: str, new: str, message: str) -> None:
+    assert old in SEWN
+    with pytest.raises(ProcedureError, match=message):
+        parse_procedure(SEWN.replace(old, new, 1))
