@@ -159,13 +159,15 @@ def _locate(stage: Stage, node: int, place: Reals, weights: Reals) -> int:
             lowest = min(min(trial[0], trial[1]), min(trial[2], trial[3]))
             if lowest > best:
                 best, chosen = lowest, element
-                weights[:] = trial
+                for corner in range(4):
+                    weights[corner] = trial[corner]
     if chosen != NOBODY:
         total = 0.0
         for corner in range(4):
             weights[corner] = max(0.0, weights[corner])
             total += weights[corner]
-        weights /= total
+        for corner in range(4):
+            weights[corner] /= total
     return chosen
 
 
@@ -188,11 +190,35 @@ def _away(place: Reals, corners: Reals, out: Reals) -> float:
     point = np.empty(3)
     for t in range(corners.shape[0]):
         closest_on_triangle(place, corners[t, 0], corners[t, 1], corners[t, 2], point)
-        square = np.dot(place - point, place - point)
+        square = 0.0
+        for axis in range(3):
+            square += (place[axis] - point[axis]) ** 2
         if square < best:
             best = square
-            out[:] = point
+            for axis in range(3):
+                out[axis] = point[axis]
     return np.sqrt(best)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _make_units(vectors: Reals) -> None:
+    """The third is the sum of the first two."""
+    for k in (0, 1, 3, 2):
+        if k == 2:
+            for axis in range(3):
+                vectors[2, axis] = vectors[0, axis] + vectors[1, axis]
+        size = np.sqrt(vectors[k, 0] ** 2 + vectors[k, 1] ** 2 + vectors[k, 2] ** 2)
+        if size > 0.0:
+            for axis in range(3):
+                vectors[k, axis] /= size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _square_between(x: Reals, a: int, b: int) -> float:
+    square = 0.0
+    for axis in range(3):
+        square += (x[a, axis] - x[b, axis]) ** 2
+    return square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -202,81 +228,108 @@ def _directions(stage: Stage, element: int, corner: int, out: Reals) -> float:
     Away from the opposite face, away from the closest corner, both, and to the middle of the
     nodes around.
     """
-    x, nodes = stage.shape, stage.links.tets[element]
+    links, x, nodes = stage.links, stage.shape, stage.links.tets[element]
     node = nodes[corner]
-    a, b, c = x[nodes[(corner + 1) % 4]], x[nodes[(corner + 2) % 4]], x[nodes[(corner + 3) % 4]]
-    u, v = b - a, c - a
-    out[0, 0] = u[1] * v[2] - u[2] * v[1]
-    out[0, 1] = u[2] * v[0] - u[0] * v[2]
-    out[0, 2] = u[0] * v[1] - u[1] * v[0]
+    a, b, c = nodes[(corner + 1) % 4], nodes[(corner + 2) % 4], nodes[(corner + 3) % 4]
+    height, closest, longest, nearest = 0.0, np.inf, 0.0, a
+    for axis in range(3):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        out[0, axis] = (x[b, i] - x[a, i]) * (x[c, j] - x[a, j])
+        out[0, axis] -= (x[b, j] - x[a, j]) * (x[c, i] - x[a, i])
+        height += out[0, axis] * (x[node, axis] - x[a, axis])
     upright = six_volumes(x[nodes[0]], x[nodes[1]], x[nodes[2]], x[nodes[3]]) >= 0.0
-    if (np.dot(out[0], x[node] - a) >= 0.0) != upright:
-        out[0] = -out[0]
-    closest, longest = np.inf, 0.0
+    turn = 1.0 if (height >= 0.0) == upright else -1.0
     for k in range(4):
         for m in range(k):
-            way = x[nodes[k]] - x[nodes[m]]
-            longest = max(longest, np.dot(way, way))
-        way = x[node] - x[nodes[k]]
-        if k != corner and np.dot(way, way) < closest:
-            closest = np.dot(way, way)
-            out[1] = way
-    out[3] = 0.0
-    links, number = stage.links, 0
-    for k in range(links.start[node], links.start[node] + links.length[node]):
-        for m in range(4):
-            out[3] += x[links.tets[links.data[k], m]]
-            number += 1
-    # The node itself is a quarter of all.
-    out[3] = out[3] / number - x[node]
-    for k in (0, 1, 3):
-        size = np.sqrt(np.dot(out[k], out[k]))
-        if size > 0.0:
-            out[k] /= size
-    out[2] = out[0] + out[1]
-    size = np.sqrt(np.dot(out[2], out[2]))
-    if size > 1e-6:
-        out[2] /= size
+            longest = max(longest, _square_between(x, nodes[k], nodes[m]))
+        if k != corner and _square_between(x, node, nodes[k]) < closest:
+            closest, nearest = _square_between(x, node, nodes[k]), nodes[k]
+    number = 4 * links.length[node]
+    for axis in range(3):
+        out[0, axis] *= turn
+        out[1, axis] = x[node, axis] - x[nearest, axis]
+        middle = 0.0
+        for k in range(links.start[node], links.start[node] + links.length[node]):
+            for m in range(4):
+                middle += x[links.tets[links.data[k], m], axis]
+        # The node itself is a quarter of all.
+        out[3, axis] = middle / number - x[node, axis]
+    _make_units(out)
     return np.sqrt(longest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _try(
+    stage: Stage,
+    node: int,
+    element: int,
+    way: Reals,
+    length: float,
+    distance: float,
+    near: float,
+    best: float,
+    weights: Reals,
+) -> tuple[int, float]:
+    """Put a node a length along a way from where it is, and on the sweep if it is to stay there.
+
+    The element of the old mesh that contains its new place, and the worst of the elements around
+    it there; `NOBODY` and `best` if that is not better.
+    """
+    target, on = np.empty(3), np.empty(3)
+    for axis in range(3):
+        target[axis] = stage.shape[node, axis] + length * way[axis]
+    if stage.kinds[node] == ON_CUT:
+        away = _away(target, stage.corners, on)
+        if distance <= near:
+            for axis in range(3):
+                target[axis] = on[axis]
+        elif away > distance:
+            return NOBODY, best
+    found = _locate(stage, node, target, weights)
+    if found == NOBODY:
+        return NOBODY, best
+    x, y, z = stage.rest[node, 0], stage.rest[node, 1], stage.rest[node, 2]
+    u, v, w = stage.shape[node, 0], stage.shape[node, 1], stage.shape[node, 2]
+    _put(stage, node, found, weights)
+    # The element itself first: most places do not help it.
+    worst = best
+    if _margin(stage, element) > best:
+        worst = _worst_around(stage, node, best)
+    stage.rest[node, 0], stage.rest[node, 1], stage.rest[node, 2] = x, y, z
+    stage.shape[node, 0], stage.shape[node, 1], stage.shape[node, 2] = u, v, w
+    if worst > best:
+        return found, worst
+    return NOBODY, best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shift(stage: Stage, element: int, corner: int) -> bool:
     """Move a corner of an element to the best of the places tried. Whether it has moved."""
-    node = stage.links.tets[element, corner]
-    ways = np.empty((4, 3))
+    # Of one type everywhere: every function is then compiled once.
+    node = np.int64(stage.links.tets[element, corner])
+    ways, weights = np.empty((4, 3)), np.empty(4)
     longest = _directions(stage, element, corner, ways)
-    rest, shape = stage.rest[node].copy(), stage.shape[node].copy()
-    on, target = np.empty(3), np.empty(3)
     distance = 0.0
     if stage.kinds[node] == ON_CUT:
-        distance = _away(shape, stage.corners, on)
+        distance = _away(stage.shape[node], stage.corners, weights[:3])
     best = _worst_around(stage, node, -np.inf) + WORTH
-    weights, chosen_weights = np.empty(4), np.empty(4)
-    chosen = NOBODY
+    chosen, place = NOBODY, np.empty(4)
     for way in range(4):
         for step in STEPS:
-            target[:] = shape + step * longest * ways[way]
-            if stage.kinds[node] == ON_CUT:
-                away = _away(target, stage.corners, on)
-                if distance <= REACHED * longest:
-                    target[:] = on
-                elif away > distance:
-                    continue
-            found = _locate(stage, node, target, weights)
-            if found == NOBODY:
-                continue
-            _put(stage, node, found, weights)
-            worst = _worst_around(stage, node, best)
-            if worst > best:
+            found, worst = _try(
+                stage, node, element, ways[way], step * longest, distance, REACHED * longest, best,
+                weights,
+            )  # fmt: skip
+            if found != NOBODY:
                 best, chosen = worst, found
-                chosen_weights[:] = weights
+                for corner in range(4):
+                    place[corner] = weights[corner]
     if chosen == NOBODY:
-        stage.rest[node], stage.shape[node] = rest, shape
         return False
-    _put(stage, node, chosen, chosen_weights)
+    _put(stage, node, chosen, place)
     stage.anchors[node] = chosen
-    stage.weights[node] = chosen_weights
+    for corner in range(4):
+        stage.weights[node, corner] = place[corner]
     return True
 
 
@@ -319,9 +372,11 @@ def _volume_around(stage: Stage, node: int) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _back(stage: Stage, node: int, own: int, share: float) -> None:
     """Put a node at a share of the way from where it came from to its place."""
-    weights = share * stage.weights[node]
+    weights = np.empty(4)
+    for corner in range(4):
+        weights[corner] = share * stage.weights[node, corner]
     weights[own] += 1.0 - share
-    _put(stage, node, stage.anchors[node], weights)
+    _put(stage, node, np.int64(stage.anchors[node]), weights)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -332,7 +387,6 @@ def _least_back(
 
     Also the smallest margin around it there and the change of volume.
     """
-    rest, shape = stage.rest[node].copy(), stage.shape[node].copy()
     volume = _volume_around(stage, node)
     best, chosen, change = _worst_around(stage, node, -np.inf) + WORTH, 1.0, 0.0
     for rung in range(1, LADDER + 1):
@@ -344,7 +398,7 @@ def _least_back(
             best, chosen, change = worst, share, grown
             if worst >= 0.0:
                 break
-    stage.rest[node], stage.shape[node] = rest, shape
+    _back(stage, node, own, 1.0)
     return chosen, best, change
 
 
@@ -360,17 +414,26 @@ def step_back(stage: Stage, elements: Rows, used: float, budget: float) -> tuple
         for element in elements:
             if _margin(stage, element) >= 0.0:
                 continue
-            node, at, change, enough, gain, cost = NOBODY, 1.0, 0.0, False, -np.inf, np.inf
+            node, at, change, enough, gain, cost = (
+                np.int64(NOBODY),
+                1.0,
+                0.0,
+                False,
+                -np.inf,
+                np.inf,
+            )
             for corner in range(4):
-                candidate = stage.links.tets[element, corner]
+                candidate = np.int64(stage.links.tets[element, corner])
                 own = _own_corner(stage, candidate)
                 if own == NOBODY:
                     continue
                 share, worst, grown = _least_back(stage, candidate, own, used, budget)
                 if share == 1.0:
                     continue
-                way = stage.shape[candidate] - stage.shape_old[candidate]
-                lost = (1.0 - share) * np.sqrt(np.dot(way, way))
+                way = 0.0
+                for axis in range(3):
+                    way += (stage.shape[candidate, axis] - stage.shape_old[candidate, axis]) ** 2
+                lost = (1.0 - share) * np.sqrt(way)
                 better = lost < cost if worst >= 0.0 and enough else worst >= 0.0
                 if better or (not enough and worst > gain):
                     node, at, change, gain, cost = candidate, share, grown, worst, lost
@@ -379,7 +442,8 @@ def step_back(stage: Stage, elements: Rows, used: float, budget: float) -> tuple
                 continue
             own = _own_corner(stage, node)
             _back(stage, node, own, at)
-            stage.weights[node] *= at
+            for corner in range(4):
+                stage.weights[node, corner] *= at
             stage.weights[node, own] += 1.0 - at
             used += change
             moved = any_moved = True
