@@ -1,7 +1,8 @@
-"""The service tissue/suture: the cutting node as a process, a simulation that does not move."""
+"""The service tissue/suture, with a simulation that does not move and with one that does."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,11 @@ from rclpy.client import Client
 from tissue_interfaces.srv import ApplyEdit, Suture
 
 from support.fake_simulation import FRAME, FakeSimulation, spinning, wait_for
+from support.processes import processes
 from support.sewn_blocks import SIZE, two_blocks
+from support.simulation_process import client, eventually
+from tissue_sim import conversions
+from tissue_sim.journal import epochs_of, replay
 
 SEW, TIGHTEN, REMOVE, LIST = (
     Suture.Request.SEW, Suture.Request.TIGHTEN, Suture.Request.REMOVE, Suture.Request.LIST
@@ -126,3 +131,62 @@ def _replan(simulation: FakeSimulation, surgeon: Surgeon) -> None:
     answer = surgeon.ask(positions=EDGES[::2], length=0.0, request_id="late")
     assert answer.success, answer.message
     assert simulation.applied[-1].request_id == "late~2"
+
+
+PROCEDURE = """
+title: cut and sewn
+units: mm
+tools: {}
+timeline:
+  - {at: 0.3, cut: {rectangle: {center: [31, 30, 45], along: [0, 90, 0], depth: [0, 0, 40]}}}
+  - at: 2.5
+    suture: {from: [[31, 10, 60], [31, 50, 60]], to: [[31, 10, 60], [31, 50, 60]]}
+    spacing: 10
+    running: true
+    reach: 6
+    length: 0
+    name: wound
+  - {at: 4.0, tighten: wound, share: 0.5}
+  - {at: 5.0, undo: true}
+  - {at: 6.0, unsuture: wound}
+  - {at: 7.0, undo: true}
+end: 7.5
+"""
+
+
+def test_a_script_cuts_and_sews_and_the_session_replays(
+    ros_domain: int, repository: Path, tmp_path: Path
+) -> None:
+    assert ros_domain
+    (tmp_path / "procedure.yaml").write_text(PROCEDURE)
+    report = tmp_path / "report.json"
+    with processes(tmp_path) as world, client() as heard:
+        heard.hear("tissue/topology", "tissue/edits", "tissue/journal")
+        world.start(
+            "simulation", "tissue_sim.simulation_node", "--ros-args",
+            "--params-file", str(repository / "config" / "block.yaml"),
+            *(word for axis in "xyz" for word in ("-p", f"shape.nodes_{axis}:=7")),
+            "-p", "steps_per_frame:=2", "-p", "wait_for:=['tissue/journal:2','tissue/edits:1']",
+            "-p", "wait_timeout:=200.0",
+        )  # fmt: skip
+        world.start("cut", "cut_service.cut_node")
+        world.start(
+            "script", "tool_input.script_node", "--ros-args", "-p", "procedure:=procedure.yaml",
+            "-p", "clock:=simulation", "-p", "report:=report.json",
+        )  # fmt: skip
+        eventually(report.exists, 200.0)
+        played = json.loads(report.read_text())
+        assert played["exit_code"] == 0, played
+        sewn, tight = (r for r in played["requests"] if r["action"] in ("suture", "tighten"))
+        assert len(sewn["sutures"]) == 9
+        assert tight["sutures"] == sewn["sutures"]
+        kinds = [message.kind for message in heard.heard["tissue/edits"]]
+        assert kinds == ["split", "suture", "tighten", "undo", "unsuture", "undo"]
+        entries = [conversions.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
+        (epoch,) = epochs_of(entries).values()
+        first = heard.first("tissue/topology", lambda m: m.version == 1)
+        again = replay(epoch, conversions.topology_to_mesh(first))
+    assert again.mismatches == ()
+    table = again.simulation.mesh.sutures
+    assert table.ids.tolist() == sewn["sutures"]
+    np.testing.assert_allclose(table.lengths, sewn["lengths"])
