@@ -38,6 +38,8 @@ class LoopStatistics:
         publish_ms: Times to publish [ms].
         residual: Distance from equilibrium [N], nan where it has no meaning.
         components: Connected parts of the organ; 0: not counted yet.
+        sutures: Stitches that are there.
+        suture_forces: Sum of their pulls and the largest of them [N].
     """
 
     def __init__(self) -> None:
@@ -45,6 +47,8 @@ class LoopStatistics:
         self.frames = self.steps = self.lost_states = 0
         self.residual = float("nan")
         self.components = 0
+        self.sutures = 0
+        self.suture_forces = (0.0, 0.0)
         self.lost = ""
         self._sim_time = self._sim_time_before = 0.0
         self._at = 0.0
@@ -118,6 +122,9 @@ class LoopStatistics:
                 "residual_N": f"{self.residual:.6g}",
                 "lost_states": str(self.lost_states),
                 "components": str(self.components),
+                "sutures": str(self.sutures),
+                "suture_force_N": f"{self.suture_forces[0]:.4g}",
+                "suture_force_max_N": f"{self.suture_forces[1]:.4g}",
             },
         )
         return [loop, stepping]

@@ -100,6 +100,8 @@ class _Observer:
             if change.edit.kind in (UNDO, REDO):
                 self._part_no_more(change.vanished_nodes)
                 continue
+            if not len(change.elements):
+                continue  # Sutures cut nothing.
             self._lips.append((change.copied_nodes, change.copy_parents))
             self.report.cuts.append(
                 CutOpening(

@@ -32,6 +32,7 @@ from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.edit_check import CheckedEdit
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.sutures import tensions
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.patch import Patch
@@ -236,6 +237,10 @@ class Simulation:
             EditError: It cannot be applied now; nothing was changed.
         """
         return self._bring_back(self.history.redo(self.mesh, author, request_id))
+
+    def suture_forces(self) -> NDArray[np.float64]:
+        """Pull of each suture at the present shape [N], in the order of `mesh.sutures`."""
+        return tensions(self.mesh.sutures, self.mesh.rest, self.state.displacement)
 
     def _bring_back(self, edit: TopologyEdit) -> AppliedEdit:
         applied = self._carry_out(edit)

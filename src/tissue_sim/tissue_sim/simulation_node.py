@@ -241,6 +241,9 @@ class SimulationNode(Node):
         elif now - self._looked_after > HOUSEKEEPING and self._rate.slack() > 0.004:
             self._looked_after = now
             self._statistics.residual = simulation.model.residual(simulation.state)
+            pulls = simulation.suture_forces()
+            self._statistics.sutures = len(pulls)
+            self._statistics.suture_forces = float(pulls.sum()), float(pulls.max(initial=0.0))
             # Quick, since everything from before the loop is frozen.
             gc.collect()
 

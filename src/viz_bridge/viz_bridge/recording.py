@@ -11,6 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.sutures import Sutures
 from viz_bridge.cdr import Message
 from viz_bridge.organ_follower import OrganFollower
 from viz_bridge.organ_surface import OrganSurface, SurfacePart, surface_of
@@ -22,6 +23,7 @@ METRES_PER_NEWTON = 0.01
 BACKGROUND = (24, 27, 33)
 STEEL, PRESSED, FROZEN = (196, 204, 214), (255, 196, 92), (120, 132, 150)
 FORCE = (102, 204, 255)
+THREAD, THREAD_RADIUS = (66, 88, 196), 0.0004
 _PARTS = ("outside", "inside")
 
 
@@ -52,7 +54,7 @@ class Recording:
         self._surface: OrganSurface | None = None
         self._looks: dict[str, object] = {}
         self._colors: dict[str, tuple[int, int, int]] = {}
-        self._blueprint_sent = False
+        self._blueprint_sent = self._sewn = False
         self._early: Message | None = None
         self._received = 0
         self._last_status = ""
@@ -142,6 +144,7 @@ class Recording:
                         vertex_positions=vertices, vertex_normals=part.normals(vertices)
                     )
                     self.stream.log(f"organ/{name}", moved)
+        self._log_sutures(self.organ.mesh.sutures, positions)
         # The list of tools comes a moment after the first state, if at all.
         if not self._blueprint_sent and (self.organ.tools.by_id or self.states >= 2):
             self._blueprint_sent = True
@@ -166,6 +169,20 @@ class Recording:
                     vertex_colors=part.colors,
                 ),
             )
+
+    def _log_sutures(self, sutures: Sutures, positions: NDArray[np.float32]) -> None:
+        """Threads, and a knot at each end: where lips are closed there is nothing else to see."""
+        if not len(sutures):
+            if self._sewn:
+                self.stream.log("organ/sutures", rr.Clear(recursive=True))
+            self._sewn = False
+            return
+        self._sewn = True
+        ends = positions[sutures.nodes]
+        threads = rr.LineStrips3D(ends, radii=[THREAD_RADIUS], colors=[THREAD])
+        knots = rr.Points3D(ends.reshape(-1, 3), radii=[1.6 * THREAD_RADIUS], colors=[THREAD])
+        self.stream.log("organ/sutures", threads)
+        self.stream.log("organ/sutures/knots", knots)
 
     def _take_journal(self, message: Message) -> None:
         events = self.organ.take_journal(message)

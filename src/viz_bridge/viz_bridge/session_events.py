@@ -11,6 +11,10 @@ from viz_bridge.cdr import Message
 Level = Literal["INFO", "WARN", "ERROR"]
 
 
+SEWING = ("suture", "tighten", "unsuture")
+"""Kinds of edits that sew."""
+
+
 @dataclass(frozen=True)
 class SessionEvent:
     """One thing that happened.
@@ -19,7 +23,7 @@ class SessionEvent:
         stamp: When [ns since 1970].
         sim_time: When in the session [s].
         frame: In which frame.
-        kind: press, release, cut, or the kind of a command.
+        kind: press, release, cut, suture, or the kind of a command.
         text: In words.
         tool: The tool it is about; empty for none.
         level: How much it matters.
@@ -52,7 +56,10 @@ def journal_events(entry: Message, tool_kinds: dict[str, str]) -> list[SessionEv
         for command in entry.commands
     ]
     events += [
-        SessionEvent(stamp, time, frame, "cut", _edit_in_words(edit)) for edit in entry.edits
+        SessionEvent(
+            stamp, time, frame, "suture" if edit.kind in SEWING else "cut", _edit_in_words(edit)
+        )
+        for edit in entry.edits
     ]
     for tool in entry.tools:
         if tool.edge:
@@ -71,6 +78,10 @@ def _edge_in_words(tool: str, kind: str, pressed: bool) -> str:
 
 
 def _edit_in_words(edit: Message) -> str:
+    if edit.kind in SEWING:
+        stitches = edit.added_sutures, edit.removed_sutures, edit.changed_sutures
+        count = sum(len(some) for some in stitches)
+        return f"{edit.kind}: {count} stitches (version {edit.version})"
     return (
         f"{edit.kind}: {len(edit.copied_nodes)} nodes added, "
         f"{len(edit.rewritten_elements)} tetrahedra changed (version {edit.version})"

@@ -142,6 +142,9 @@ class SessionFigures:
                 there = mesh.node_alive[cut.copies]
                 cut.copies, cut.parents = cut.copies[there], cut.parents[there]
             return
+        changed = (message.rewritten_elements, message.removed_elements, message.added_elements)
+        if not any(len(elements) for elements in changed):
+            return  # Sutures cut nothing.
         self._open_cuts.append(
             CutFigures(
                 version=int(message.version),

@@ -15,7 +15,9 @@ import rerun as rr
 
 from support import bags
 from support.bags import session_bag
+from support.sewn_blocks import sew_edit, two_blocks
 from support.split_block import split_plan
+from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from viz_bridge import pictures
@@ -283,3 +285,23 @@ def test_the_recording_is_no_static_topology(bag: Path, tmp_path: Path) -> None:
     # The blueprint's and the recording's own properties alone are static.
     assert static
     assert rr.version()
+
+
+def test_sutures_are_drawn_as_long_as_they_are_there(tmp_path: Path) -> None:
+    mesh, left, right = two_blocks()
+    path = tmp_path / "sewn.rrd"
+    recording = Recording(file_stream(str(path)))
+    positions = mesh.rest[: mesh.node_rows].astype(np.float32)
+    recording._log_sutures(mesh.sutures, positions)
+    mesh.apply(sew_edit(mesh, left, right))
+    recording.stream.set_time("frame", sequence=1)
+    recording._log_sutures(mesh.sutures, positions)
+    removed = TopologyEdit(mesh.version, kind="unsuture", removed_sutures=mesh.sutures.ids)
+    mesh.apply(removed)
+    recording.stream.set_time("frame", sequence=2)
+    recording._log_sutures(mesh.sutures, positions)
+    recording.close()
+    said = rrd("print", "-v", str(path))
+    assert said.count("/organ/sutures/knots") >= 1
+    assert "LineStrips3D" in said
+    assert "Clear" in said
