@@ -19,8 +19,7 @@ MOST_WAITING = 2000
 @dataclass
 class _Tool:
     radius: float
-    frozen: bool = False
-    pressed: bool = False
+    burns: bool = False
     tip: NDArray[np.float64] | None = None
     before: NDArray[np.float64] | None = None
 
@@ -28,7 +27,7 @@ class _Tool:
 class BurnStrokes:
     """Turns poses, presses and simulated time into touches.
 
-    Tools that the simulation froze, and tools of radius 0, do not burn.
+    Tools of radius 0 do not burn.
     """
 
     def __init__(self) -> None:
@@ -36,12 +35,12 @@ class BurnStrokes:
         self._epoch, self._time = b"", 0.0
         self._touches: list[Touch] = []
 
-    def set_tools(self, radii: dict[str, float], frozen: set[str]) -> None:
-        """Which tools burn.
+    def set_tools(self, radii: dict[str, float], pressed: set[str]) -> None:
+        """Which tools there are.
 
         Args:
             radii: Radius of each [m].
-            frozen: Those whose pose is stale.
+            pressed: Those in use that are where their source says, and not frozen.
         """
         known = self._tools
         self._tools = {
@@ -49,12 +48,7 @@ class BurnStrokes:
             for name, radius in radii.items() if SMALLEST <= radius <= LARGEST
         }  # fmt: skip
         for name, tool in self._tools.items():
-            tool.radius, tool.frozen = radii[name], name in frozen
-
-    def press(self, name: str, pressed: bool) -> None:
-        """A tool is pressed or released."""
-        if name in self._tools:
-            self._tools[name].pressed = pressed
+            tool.radius, tool.burns = radii[name], name in pressed
 
     def move(self, name: str, tip: NDArray[np.float64]) -> None:
         """The tip of a tool is there now [m], shape (3,)."""
@@ -69,11 +63,11 @@ class BurnStrokes:
             seconds = 0.0
         self._epoch, self._time = epoch, now
         for tool in self._tools.values():
-            burns = tool.pressed and not tool.frozen and tool.tip is not None
-            if burns and tool.tip is not None and 0.0 < seconds <= LONGEST_GAP:
-                before = tool.tip if tool.before is None else tool.before
-                self._touches += _along(before, tool.tip, tool.radius, seconds)
-            tool.before = tool.tip if burns else None
+            tip = tool.tip if tool.burns else None
+            if tip is not None and 0.0 < seconds <= LONGEST_GAP:
+                before = tip if tool.before is None else tool.before
+                self._touches += _along(before, tip, tool.radius, seconds)
+            tool.before = tip
         del self._touches[:-MOST_WAITING]
 
     def taken(self, epoch: bytes) -> list[Touch]:

@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from rclpy.node import Node
-from std_msgs.msg import Bool
 from tissue_interfaces import msg as messages
 
 from cut_service.burn_strokes import BurnStrokes
@@ -61,7 +60,7 @@ class TissueWatch:
         self._epoch, self._version, self._changed_at = b"", 0, -np.inf
         self._state_version = -1
         self._last, self._seconds, self._problem = Tear(0, 0.0), 0.0, ""
-        self._tools: dict[str, list[Any]] = {}
+        self._tools: dict[str, Any] = {}
         hear = node.create_subscription
         hear(messages.Material, "tissue/material", self._on_material, qos.LATCHED)
         hear(messages.HeldNodes, "tissue/held_nodes", self._on_held, qos.LATCHED)
@@ -96,28 +95,21 @@ class TissueWatch:
         burning = {tool.id: tool for tool in message.tools if tool.kind == BURN}
         self._strokes.set_tools(
             {name: float(tool.size[0]) for name, tool in burning.items()},
-            {name for name, tool in burning.items() if tool.state == messages.Tool.FROZEN},
+            {name for name, t in burning.items() if t.pressed and t.state != messages.Tool.FROZEN},
         )
         for gone in [name for name in self._tools if name not in burning]:
-            for heard in self._tools.pop(gone):
-                self._node.destroy_subscription(heard)
+            self._node.destroy_subscription(self._tools.pop(gone))
         for name in burning:
             if name not in self._tools:
                 self._tools[name] = self._follow(name)
 
-    def _follow(self, tool: str) -> list[Any]:
+    def _follow(self, tool: str) -> Any:
         def on_pose(message: PoseStamped) -> None:
             place = message.pose.position
             self._strokes.move(tool, np.array([place.x, place.y, place.z]))
 
-        def on_use(message: Bool) -> None:
-            self._strokes.press(tool, bool(message.data))
-
-        hear = self._node.create_subscription
-        return [
-            hear(PoseStamped, f"tools/{tool}/measured_cp", on_pose, qos.MEASURED),
-            hear(Bool, f"tools/{tool}/use", on_use, qos.USE),
-        ]
+        topic = f"tools/{tool}/measured_cp"
+        return self._node.create_subscription(PoseStamped, topic, on_pose, qos.MEASURED)
 
     # What is done
 

@@ -393,7 +393,7 @@ class Simulation:
             if sample.edge == 1 and tool.kind == GRAB:
                 if self.grab(tool.id, tool.size[0], by_use=True) is None:
                     self._events.append(f"{tool.id} holds nothing: no free node within its radius")
-            elif sample.edge == 1 and tool.cutting == AT_USE:
+            elif sample.edge == 1 and tool.kind == CUT and tool.cutting == AT_USE:
                 cuts.append(Cut(tool.id, sample.stamp, *blade(tool, sample.pose)))
         self._events += self.blades.events
         self.blades.events.clear()

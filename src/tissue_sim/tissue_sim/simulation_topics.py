@@ -128,7 +128,7 @@ class SimulationTopics:
 
     def publish_tools(self, trackers: Sequence[ToolTracker], stamp: Time) -> None:
         """Publish the list of tools if it changed, poses aside."""
-        now = tuple((tracker.spec, tracker.state, tracker.reason) for tracker in trackers)
+        now = tuple((t.spec, t.state, t.reason, t.pressed) for t in trackers)
         if now == self._tools_before:
             return
         self._tools_before = now
@@ -146,6 +146,7 @@ class SimulationTopics:
             owner=spec.owner,
             state=tracker.state,
             reason=tracker.reason,
+            pressed=tracker.pressed,
             pose=conversions.pose_message(tracker.pose),
             hold=spec.hold,
             **spec.coupling.as_arguments(),

@@ -19,10 +19,13 @@ from cut_service.errors import CutCode, CutError
 from cut_service.planner import plan
 from cut_service.unswept import work_without_sweep
 from support.cut_scenes import SIDE, middle, new, rest, square
+from support.small_block import CORNER, block_simulation, pose_of, tool_at
 from support.valid_mesh import check_valid
+from tissue_sim.frame import Budget, FrameInputs, ToolSample
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
+from tissue_sim.interaction.tools import ToolError, ToolSpec
 
 HOW = BurnSettings(power=30.0, energy_density=2.4e9)
 EPOCH = bytes(16)
@@ -105,8 +108,7 @@ def test_what_burns_is_pressed_followed_and_of_this_epoch() -> None:
     strokes.move("hook", tip)
     strokes.advance(EPOCH, 0.02)
     assert not strokes.taken(EPOCH), "not pressed"
-    strokes.press("hook", True)
-    strokes.press("unknown", True)
+    strokes.set_tools({"hook": 0.002, "none": 0.0}, {"hook", "none", "unknown"})
     strokes.move("hook", np.array([np.nan, 0.0, 0.0]))
     strokes.advance(EPOCH, 0.04)
     (touch,) = strokes.taken(EPOCH)
@@ -122,10 +124,10 @@ def test_what_burns_is_pressed_followed_and_of_this_epoch() -> None:
     assert not strokes.taken(EPOCH), "paused"
     strokes.advance(EPOCH, 10.0)
     assert not strokes.taken(EPOCH), "states were missed"
-    strokes.set_tools({"hook": 0.002}, {"hook"})
-    strokes.advance(EPOCH, 10.02)
-    assert not strokes.taken(EPOCH), "frozen"
     strokes.set_tools({"hook": 0.002}, set())
+    strokes.advance(EPOCH, 10.02)
+    assert not strokes.taken(EPOCH), "released, or frozen"
+    strokes.set_tools({"hook": 0.002}, {"hook"})
     strokes.advance(EPOCH, 10.04)
     strokes.advance(bytes(15) + b"x", 0.02)
     assert not strokes.taken(EPOCH), "another epoch"
@@ -157,3 +159,16 @@ def test_burning_nothing_or_everything_is_refused() -> None:
     with pytest.raises(CutError, match="would leave no tissue") as everything:
         plan_burn(work, np.arange(mesh.element_rows, dtype=np.int32))
     assert everything.value.code == CutCode.REFUSED
+
+
+def test_a_burning_tool_that_is_pressed_neither_holds_nor_cuts() -> None:
+    simulation = block_simulation(tool_at(CORNER, "hook", kind="burn", size=(0.03,)))
+    pressed = ToolSample("hook", pose_of(CORNER), 1, True, 1)
+    frame = simulation.advance(FrameInputs(tools=(pressed,)), Budget(steps=1))
+    assert (frame.cuts, frame.events, len(simulation.holds)) == ((), (), 0)
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.1, np.nan])
+def test_a_burning_tool_needs_a_radius(radius: float) -> None:
+    with pytest.raises(ToolError, match=r"size .* is not allowed"):
+        ToolSpec("hook", kind="burn", size=(radius,)).checked()

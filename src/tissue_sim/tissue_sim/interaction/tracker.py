@@ -83,6 +83,11 @@ class ToolTracker:
         return self._used_stamp
 
     @property
+    def pressed(self) -> bool:
+        """Whether it was in use in the last frame."""
+        return self._level
+
+    @property
     def reason(self) -> str:
         """Why the tool is frozen; empty: it is not."""
         if len(self._sources) > 1:
