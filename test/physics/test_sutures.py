@@ -195,6 +195,16 @@ def test_explicit_steps_stay_stable_with_a_thread_a_hundred_times_as_stiff() -> 
     assert np.linalg.norm(edges(mesh, state), axis=1).max() < 1e-4
 
 
+@pytest.mark.parametrize(("length", "gap"), [(0.0004, 0.001), (0.0001, 0.002), (0.0, 0.002)])
+def test_lips_pulled_together_at_once_come_to_rest_in_explicit_steps(
+    length: float, gap: float
+) -> None:
+    _, model, state = sewn("spring_mass", length, gap)
+    for _ in range(3000):
+        model.step(state)
+    assert model.residual(state) < 1e-6
+
+
 def test_a_hold_lets_go_and_what_is_sewn_stays_sewn() -> None:
     mesh, model, state = sewn("vertex_block_descent")
     settle(model, state)

@@ -21,7 +21,7 @@ from cut_service.organ import organ_of
 from cut_service.outcome import Outcome
 from cut_service.planner import SHEET_METHOD, Plan, Report, Settings, plan
 from cut_service.strokes import Pick, Strip, Strokes
-from cut_service.suture_node import Followed, SutureServer
+from cut_service.suture_server import Followed, SutureServer
 from cut_service.sweep import Sweep
 from cut_service.tissue_watch import TissueWatch
 from cut_service.waiting import Until

@@ -29,9 +29,9 @@ WITHIN = 64
 RAMP = 0.25
 """Share of inversion from which inverted elements have the full pressure."""
 
-KICK = 2.0
+KICK = 4.0
 """Times its stiffness that a stitch counts for stability: threads that go slack and taut within a
-step kick, and lips that were pulled together hard kept jumping with less."""
+step kick, and with 2 lips that were pulled together hard kept jumping; with 3 none did."""
 
 PARAMETERS = (
     Parameter(
