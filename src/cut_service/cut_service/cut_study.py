@@ -43,14 +43,17 @@ PULL = 0.003
 SETTLED = 1e-4
 """Largest residual, as a share of the first, that ends them."""
 MOST_ITERATIONS = 5000
-VARIANTS: dict[str, tuple[str, bool]] = {
-    "split": ("split", True),
-    "split, not snapped": ("split", False),
-    "subdivide": ("subdivide", True),
-    "subdivide, not snapped": ("subdivide", False),
-    "remove": ("remove", False),
+AS_IS, NOT_SNAPPED = Settings(remove_degeneracies=False), Settings(snap=False)
+VARIANTS: dict[str, tuple[str, Settings]] = {
+    "split": ("split", Settings()),
+    "split, degeneracies left": ("split", AS_IS),
+    "split, not snapped": ("split", NOT_SNAPPED),
+    "subdivide": ("subdivide", Settings()),
+    "subdivide, degeneracies left": ("subdivide", AS_IS),
+    "subdivide, not snapped": ("subdivide", NOT_SNAPPED),
+    "remove": ("remove", Settings()),
 }
-"""Method, and whether old nodes are snapped."""
+"""Method and settings: with all stages, without removing degeneracies, without either."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ class CutRow:
         distance_mean, distance_max: Of the cuts' faces from their sweeps: mean over the cuts, and
             the largest of all [mm].
         covered: Share of the sweeps within the tissue that the cuts' faces cover, mean.
+        degenerate: Elements that the cuts had made degenerate.
+        degenerate_left: Those that removing degeneracies has left.
         quality: Smallest radius ratio after all.
         poor: Elements with a radius ratio below 0.1 after all.
         volume: Change of rest volume by all, as a share.
@@ -84,6 +89,8 @@ class CutRow:
     distance_mean: float
     distance_max: float
     covered: float
+    degenerate: int
+    degenerate_left: int
     quality: float
     poor: int
     volume: float
@@ -169,14 +176,12 @@ def measure(geometry: str, label: str, cuts: int, sizes: tuple[float, float] = S
     held = hold_for(mesh)
     tets, volume = mesh.tets[: mesh.element_rows], _volume(mesh)
     edge = float(np.linalg.norm(mesh.rest[tets[:, 1]] - mesh.rest[tets[:, 0]], axis=1).mean())
-    method, snap = VARIANTS.get(label, ("", False))
+    method, how = VARIANTS.get(label, ("", NOT_SNAPPED))
     made: list[Plan] = []
     shares, applied, missed = [], [], 0
     for sweep in sweeps(mesh, cuts, sizes) if method else []:
         try:
-            planned = plan(
-                mesh, mesh.rest[: mesh.node_rows], sweep, method, settings=Settings(snap)
-            )
+            planned = plan(mesh, mesh.rest[: mesh.node_rows], sweep, method, settings=how)
         except CutError:
             missed += 1
             continue
@@ -193,7 +198,9 @@ def measure(geometry: str, label: str, cuts: int, sizes: tuple[float, float] = S
         _median([report.faces_split for report in reports]),
         1e3 * _mean([report.distance_after[0] for report in reports]),
         1e3 * max((report.distance_after[1] for report in reports), default=0.0),
-        _mean(shares), float(quality.min()), int((quality < 0.1).sum()),
+        _mean(shares), sum(report.degenerate[0] for report in reports),
+        sum(report.degenerate[1] for report in reports),
+        float(quality.min()), int((quality < 0.1).sum()),
         _volume(mesh) / volume - 1.0,
         int(mesh.node_alive.sum()), int(mesh.element_alive.sum()),
         _median([report.plan_ms for report in reports]),
@@ -277,6 +284,10 @@ _LINES: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
         lambda r: f"{r['distance_mean']:.3g} ({r['distance_max']:.2g})",
     ),
     ("share of the sweep covered", lambda r: f"{r['covered']:.1%}"),
+    (
+        "degenerate elements made (left)",
+        lambda r: f"{r['degenerate']} ({r['degenerate_left']})" if r["degenerate"] else "",
+    ),
     ("smallest radius ratio after all cuts", lambda r: f"{r['quality']:.2g}"),
     ("elements below 0.1", lambda r: f"{r['poor']}"),
     ("change of rest volume", lambda r: f"{r['volume']:.2g}"),

@@ -43,7 +43,7 @@ def check_against_all_of_it(organ: Organ, mesh: Mesh, random: np.random.Generato
         np.testing.assert_array_equal(organ.grid.near(survey, places, lower, upper), wanted)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(ORGANS))
 def test_figures_of_the_organ_follow_cuts_and_undos(seed: int, name: str) -> None:
     random = np.random.default_rng(seed)

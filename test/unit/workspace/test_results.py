@@ -6,7 +6,7 @@ import json
 import statistics
 from pathlib import Path
 
-from cut_service import cut_study
+from cut_service import cut_study, property_study, size_study
 from cut_service.planner import METHODS
 from tissue_sim import (
     acceleration_study,
@@ -218,7 +218,17 @@ def test_the_ways_of_cutting_are_shown_as_they_came_out(repository: Path) -> Non
     # What the page says, and is: dividing is closest to the sweep, splitting keeps the elements.
     assert divided.distance_mean < split.distance_mean < removed.distance_mean
     assert split.distance_mean < 0.5 * rows["split, not snapped"].distance_mean
-    assert split.quality >= 0.0999
+    # Removing degeneracies costs little of that and keeps elements and stable steps as they were.
+    left = rows["split, degeneracies left"]
+    assert left.quality >= 0.0999
+    assert split.quality >= 0.95 * whole.quality
+    assert split.step_us > 0.9 * whole.step_us > 2.0 * left.step_us
+    assert split.distance_mean < 1.5 * left.distance_mean
+    assert split.covered > left.covered - 0.01
+    assert split.degenerate_left < 0.05 * split.degenerate
+    assert split.iterations <= 1.1 * left.iterations
+    assert divided.poor < 0.5 * rows["subdivide, degeneracies left"].poor
+    assert divided.distance_mean < 2.0 * rows["subdivide, degeneracies left"].distance_mean
     assert rows["split, not snapped"].quality == whole.quality <= removed.quality
     assert split.elements == whole.elements < divided.elements
     assert abs(split.volume) < 1e-3 * result["cuts"]
@@ -230,3 +240,46 @@ def test_the_ways_of_cutting_are_shown_as_they_came_out(repository: Path) -> Non
         assert getattr(now, name) == getattr(then, name)
     for name in ("distance_mean", "covered", "quality"):
         assert abs(getattr(now, name) - getattr(then, name)) < 1e-6
+
+
+def test_what_a_cut_costs_is_shown_as_it_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/cut_sizes.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/cutting.md").read_text(encoding="utf-8")
+    assert size_study.as_markdown(result) in page
+    rows = {(r["organ"], r["method"]): size_study.SizeRow(**r) for r in result["rows"]}
+    assert {organ for organ, _ in rows} == set(size_study.ORGANS)
+    small, _, large, _ = size_study.ORGANS
+    for method in METHODS:
+        few, many = rows[small, method], rows[large, method]
+        assert many.nodes > 30 * few.nodes
+        assert few.faces > 50
+        # What the page says, and is: forty times the nodes, and far from forty times the cost.
+        assert many.both_ms < 6.0 * few.both_ms
+
+
+def test_random_cuts_and_undos_had_no_fault(repository: Path) -> None:
+    path = repository / "docs/results/cut_properties.json"
+    result = json.loads(path.read_text(encoding="utf-8"))
+    page = (repository / "docs/cutting.md").read_text(encoding="utf-8")
+    assert property_study.as_markdown(result) in page
+    tallies = [property_study.Tally(**row) for row in result["rows"]]
+    assert {(t.organ, t.way) for t in tallies} == {
+        (organ, way) for organ in property_study.ORGANS for way in property_study.WAYS
+    }
+    assert sum(t.cuts for t in tallies) > 3000
+    assert sum(t.undone for t in tallies) > 3000
+    for tally in tallies:
+        assert tally.faults == []
+        assert tally.parted_in_two == tally.parted
+        assert tally.cuts > 0
+        if tally.way == "split":
+            assert tally.volume < property_study.VOLUME_SNAPPED
+        elif tally.way != "remove":
+            assert tally.volume < property_study.VOLUME_KEPT
+    # Spot check: figures depend on nothing but the code.
+    then = [property_study.Tally(**row) for row in result["spot"]]
+    for wanted, tally in zip(then, property_study.spot(result["seed"]), strict=True):
+        assert tally.faults == []
+        for name in ("organ", "way", "runs", "cuts", "missed", "undone", "redone", "most_parts"):
+            assert getattr(tally, name) == getattr(wanted, name)
+        assert abs(tally.ratio - wanted.ratio) < 1e-6
