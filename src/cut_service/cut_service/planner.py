@@ -77,6 +77,9 @@ def plan(
                 f"allowed: {SHEET_METHOD}",
             )
         planner = split_sheet
+    if planner is not split:
+        # What they leave at the rim is not known: everything is looked at again.
+        sweep = replace(sweep, old=0)
     made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
     edit = replace(made.edit, base_frame=base_frame, author=author, request_id=request_id)
     report = replace(made.report, plan_ms=1e3 * (time.perf_counter() - begin))

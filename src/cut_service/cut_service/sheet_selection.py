@@ -97,10 +97,8 @@ def cross(mesh: Mesh, positions: NDArray[np.float64], solid: Rows, sweep: Sweep)
     """
     rows = solid[near(positions, mesh.tets[solid, :3], sweep)]
     corners = mesh.tets[rows][:, [0, 1, 2, 2]]
-    masks = np.zeros(len(rows), dtype=np.uint8)
-    every = np.arange(len(rows), dtype=np.int32)
-    crossed_edges(positions, corners, every, sweep.vertices, sweep.triangles, masks)
-    rows, corners, masks = rows[masks > 0], corners[masks > 0], masks[masks > 0]
+    places, masks = sweep.crossed(positions, corners, np.arange(len(rows), dtype=np.int32))
+    rows, corners = rows[places], corners[places]
     is_crossed = (masks[:, None] & BITS) > 0
     triangle, side = np.nonzero(is_crossed)
     edges = corners[triangle[:, None], SIDES[side]]

@@ -48,7 +48,18 @@ def split(work: Work) -> Plan:
         crumbs_glued=glued,
         degenerate=(relief.found, relief.left),
     )
-    return Plan(edit, report, moved[nodes])
+    return Plan(edit, report, moved[nodes], _unfinished(work, selection, ungluing))
+
+
+def _unfinished(work: Work, selection: Selection, ungluing: Ungluing) -> NDArray[np.uint32]:
+    """Ids of the elements around chosen faces that stay whole, at the rim.
+
+    Which of them chooses a face is another question after its nodes have been snapped.
+    """
+    chosen, opened = (4 * faces[:, 0] + faces[:, 1] for faces in (selection.faces, ungluing.opened))
+    whole = selection.faces[~np.isin(chosen, opened)]
+    nodes = sorted_unique(face_nodes(work.links, whole).ravel())
+    return np.asarray(work.mesh.element_ids[work.mesh.incident.of_all(nodes)])
 
 
 def _without_crumbs(work: Work, selection: Selection) -> tuple[Selection, int]:

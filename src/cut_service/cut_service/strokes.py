@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError, SweepError
+from cut_service.organ import organ_of
 from cut_service.outcome import Outcome
-from cut_service.quality import total_volume
 from cut_service.sweep import Sweep
 from cut_service.swept import Swept
 from cut_service.waiting import Until
@@ -22,6 +22,12 @@ from tissue_sim.replica import Replica, Shape
 
 FOLLOWS_WITHIN = 2.0
 """Longest wait for the state with an edit that was applied [s]."""
+
+SMALLEST_PIECE = 20
+"""Fewer elements are not cut free by one stroke: they stood out of a lip that is passed again."""
+
+TRIES = 3
+"""How often strips are planned that could not be applied, if no newer ones come."""
 
 REACH = 3.0
 """Older strips within so many mean edges of a new one are planned with again."""
@@ -119,11 +125,12 @@ class Stroke:
         self._waiting: list[Strip] = []
         self._swept: Swept | None = None
         self._volume = self._spent = 0.0
+        self._failed = 0
 
     @property
     def waits(self) -> bool:
         """Whether there are strips to plan."""
-        return bool(self._waiting) or (self._swept is not None and self._swept.new > 0)
+        return bool(self._waiting) or 0 < self._failed < TRIES
 
     @property
     def newest(self) -> int:
@@ -159,10 +166,7 @@ class Stroke:
         """
         if self._swept is None:
             self._swept = Swept(REACH * mean_edge(mesh))
-            if mesh.sheet_rows is None:
-                rows = mesh.element_rows
-                alive = mesh.element_alive[:rows]
-                self._volume = total_volume(mesh.rest[: mesh.node_rows], mesh.tets[:rows], alive)
+            self._volume = organ_of(mesh).volume if mesh.sheet_rows is None else 0.0
         waiting, self._waiting = self._waiting, []
         for strip in waiting:
             self.frame = max(self.frame, strip.frame)
@@ -171,14 +175,24 @@ class Stroke:
         left = settings.volume_budget
         if self._volume > 0.0:
             left = max(0.0, left - self._spent / self._volume)
-        return self._swept.sweep(), replace(settings, volume_budget=left)
+        piece = max(settings.smallest_piece, SMALLEST_PIECE)
+        settings = replace(settings, volume_budget=left, smallest_piece=piece)
+        return self._swept.sweep(), settings
 
-    def done(self, mesh: Mesh, shape: Shape, made: Plan | None) -> None:
-        """Take note that what was picked has been planned, and applied if something was made."""
+    def done(self, mesh: Mesh, shape: Shape, made: Plan | None, failed: bool = False) -> None:
+        """Take note of what became of what was picked.
+
+        Args:
+            mesh: The tissue after it.
+            shape: Its shape after it.
+            made: What was planned and applied; None: nothing.
+            failed: Whether there was something to apply, or to find out.
+        """
+        self._failed = self._failed + 1 if failed else 0
         if made is not None and made.report.method == "split":
             self._spent += abs(made.report.volume_change)
         if self._swept is not None:
-            self._swept.planned(shape.positions, mesh.node_alive)
+            self._swept.planned(shape.positions, mesh.node_alive, made)
 
 
 class Strokes:
@@ -273,7 +287,8 @@ class Strokes:
             return
         after = replica.shape_at(shape.frame) or replica.shape_at()
         if after is not None:
-            stroke.done(mesh, after, outcome.plan)
+            failed = outcome.code not in (CutCode.NONE, CutCode.MISSED)
+            stroke.done(mesh, after, outcome.plan, failed)
         else:
             stroke.give_up()
         if outcome.code == CutCode.MISSED:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cut_service.errors import SweepError
-from cut_service.sweep_kernels import closest_on_sweep
+from cut_service.sweep_kernels import closest_on_sweep, crossed_edges
 
 MAX_TRIANGLES = 2000
 """More triangles than a blade's path needs.
@@ -33,11 +34,16 @@ class Sweep:
             left out.
         beyond: Corners of triangles by which the surface goes on beyond its rim [m], shape (k, 3,
             3); None: it does not. They cut nothing, but distances are to them as well.
+        old: Number of triangles, the first ones, along which was cut before. An element that only
+            they cross has been parted as far as it is to be, and is left alone.
+        again: Ids of elements to look at nevertheless, shape (j,).
     """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
     beyond: NDArray[np.float64] | None = None
+    old: int = 0
+    again: NDArray[np.uint32] = field(default_factory=lambda: np.empty(0, dtype=np.uint32))
 
     @classmethod
     def from_arrays(cls, vertices: ArrayLike, triangles: ArrayLike) -> Sweep:
@@ -98,10 +104,41 @@ class Sweep:
         corners = self.corners
         return corners if self.beyond is None else np.concatenate([corners, self.beyond])
 
+    def crossed(
+        self,
+        positions: NDArray[np.float64],
+        items: NDArray[np.int32],
+        rows: NDArray[np.int32],
+        beside: Callable[[NDArray[np.int32]], NDArray[np.int32]] = lambda rows: rows,
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        """Which elements it crosses, those that only what is old of it crosses left out.
+
+        Args:
+            positions: Node positions [m], shape (node_rows, 3).
+            items: Four nodes of each element, shape (element_rows, 4).
+            rows: Elements to look at, ascending, shape (n,).
+            beside: Gives these and others that count even if only what is old crosses them,
+                ascending.
+
+        Returns:
+            Rows of the elements, ascending, and their crossed edges, bits in the order of
+            `EDGES`.
+        """
+        masks = np.zeros(len(rows), dtype=np.uint8)
+        new = self.triangles[self.old :]
+        crossed_edges(positions, items, rows, self.vertices, new, masks)
+        rows, masks = rows[masks > 0], masks[masks > 0]
+        if self.old:
+            rows = beside(rows)
+            masks = np.zeros(len(rows), dtype=np.uint8)
+            crossed_edges(positions, items, rows, self.vertices, self.triangles, masks)
+            rows, masks = rows[masks > 0], masks[masks > 0]
+        return rows, masks
+
     @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper corner of the bounding box [m], shape (3,) each."""
-        used = self.corners.reshape(-1, 3)
+        """Lower and upper corner of the bounding box of what is new [m], shape (3,) each."""
+        used = self.corners[self.old :].reshape(-1, 3)
         return used.min(axis=0), used.max(axis=0)
 
     def moved(self, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> Sweep:
@@ -110,7 +147,8 @@ class Sweep:
         Rotation of shape (3, 3), translation [m] of shape (3,).
         """
         beyond = None if self.beyond is None else self.beyond @ rotation.T + translation
-        return Sweep(self.vertices @ rotation.T + translation, self.triangles, beyond)
+        moved = self.vertices @ rotation.T + translation
+        return replace(self, vertices=moved, beyond=beyond)
 
     def continued(self, width: float) -> Sweep:
         """The sweep, going on straight beyond its rim.
@@ -126,6 +164,7 @@ class Sweep:
             np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
         )
         rim = first[times == 1]
+        rim = rim[_has_area(self.corners)[rim % len(self.triangles)]]
         a, b = self.vertices[edges[rim, 0]], self.vertices[edges[rim, 1]]
         along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
         out = a - self.vertices[third[rim]]
@@ -133,7 +172,7 @@ class Sweep:
         out *= width / np.linalg.norm(out, axis=1, keepdims=True)
         a, b = a - width * along, b + width * along
         wings = np.stack([a, b, b + out, a, b + out, a + out], axis=1)
-        return Sweep(self.vertices, self.triangles, wings.reshape(-1, 3, 3))
+        return replace(self, beyond=wings.reshape(-1, 3, 3))
 
     def closest(
         self, points: NDArray[np.float64]

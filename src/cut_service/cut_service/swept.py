@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
+from cut_service.errors import SweepError
 from cut_service.sweep import MAX_TRIANGLES, Sweep
+from cut_service.work import Plan
 
 ANCHORS = 4
 """Nodes that carry a point of the surface."""
@@ -23,8 +26,9 @@ class Swept:
     A strip as narrow as a frame's motion rarely parts an element, and one that stands alone would
     leave the elements whole into which the strip before it reached. So what is planned is the new
     strips together with the older ones near them: elements that were crossed in part before are now
-    crossed whole, the rim of the cut is carried on, and what has been opened is crossed in vain,
-    since nothing is on the other side of its lips.
+    crossed whole, and the rim of the cut is carried on. Of the elements that only older strips
+    cross, those at the rim are looked at again, and the others are left alone: what
+    stands out of a lip must not be cut off once more.
 
     Tissue moves meanwhile. A point that has been planned with is carried by the nodes nearest to
     it, those of both lips, so that older strips stay where the cut is.
@@ -32,7 +36,8 @@ class Swept:
     Attributes:
         points: Where the surface's points are now [m], shape (n, 3).
         triangles: Three points each, shape (m, 3), oldest first.
-        new: Number of triangles that have not been planned with, at the end of `triangles`.
+        new: Number of triangles that have not been cut along, at the end of `triangles`.
+        unfinished: Ids of the elements at the rim, shape (u,).
     """
 
     def __init__(self, reach: float) -> None:
@@ -46,6 +51,7 @@ class Swept:
         self.points: Points = np.empty((0, 3))
         self.triangles: Rows = np.empty((0, 3), dtype=np.int32)
         self.new = 0
+        self.unfinished: NDArray[np.uint32] = np.empty(0, dtype=np.uint32)
         self._rows: Rows = np.empty((0, ANCHORS), dtype=np.int32)
         self._weights: Points = np.empty((0, ANCHORS))
         self._offsets: Points = np.empty((0, 3))
@@ -89,11 +95,15 @@ class Swept:
         depend on how far the blade has come, or the next strip would choose another one beside it.
 
         Raises:
-            SweepError: They have no area.
+            SweepError: Nothing is new.
         """
         chosen = self.triangles[self._near()][-MAX_TRIANGLES:]
+        if not self.new:
+            raise SweepError("no strip is new")
         used, corners = np.unique(chosen, return_inverse=True)
-        strips = Sweep.from_arrays(self.points[used], corners.reshape(chosen.shape))
+        triangles = np.ascontiguousarray(corners.reshape(chosen.shape), dtype=np.int32)
+        old = max(0, len(triangles) - self.new)
+        strips = Sweep(self.points[used], triangles, old=old, again=self.unfinished)
         return strips.continued(0.5 * self.reach)
 
     def carry(self, positions: NDArray[np.floating], alive: NDArray[np.bool_]) -> None:
@@ -114,18 +124,36 @@ class Swept:
         # Without its nodes a point stays where they left it.
         self._rows[~held] = -1
 
-    def planned(self, positions: NDArray[np.floating], alive: NDArray[np.bool_]) -> None:
+    def planned(
+        self,
+        positions: NDArray[np.floating],
+        alive: NDArray[np.bool_],
+        made: Plan | None,
+    ) -> None:
         """Take note that everything has been planned with; the tissue carries it from now on.
 
         Args:
             positions: Of all nodes after the edit, in the shape it was planned on [m], shape
                 (node_rows, 3).
             alive: Which nodes there are, shape (node_rows or more,).
+            made: The plan that was applied; None: nothing was parted, and what is new remains so.
         """
         # Snapping has moved nodes without moving the tissue.
         points = np.unique(self.triangles[self._near()])
         self._anchor(points, positions, alive)
-        self.new = 0
+        if made is not None:
+            left = np.setdiff1d(self.unfinished, made.edit.read_elements)
+            self.unfinished = np.union1d(left, made.unfinished).astype(np.uint32)
+            self.new = 0
+        elif self.new:
+            self._keep_new_near()
+
+    def _keep_new_near(self) -> None:
+        """What has parted nothing so far from the blade never will: it counts as old."""
+        corners = self.points[self.triangles[-self.new :]]
+        lower, upper = corners.min(axis=1), corners.max(axis=1)
+        near = ((lower - self.reach <= upper[-1]) & (upper + self.reach >= lower[-1])).all(axis=1)
+        self.new -= int(np.argmax(near))
 
     def _near(self) -> NDArray[np.bool_]:
         """Which triangles are new or within `reach` of a new one, shape (m,)."""
@@ -151,15 +179,14 @@ class Swept:
         if len(rows) < ANCHORS:
             return
         there = positions[rows].astype(np.float64)
-        for point, place in zip(points, places, strict=True):
-            squares = ((there - place) ** 2).sum(axis=1)
-            nearest = np.argpartition(squares, ANCHORS - 1)[:ANCHORS]
-            if squares[nearest].max() > self.reach**2:
-                continue
-            weights = 1.0 / (squares[nearest] + (0.1 * self.reach) ** 2)
-            weights /= weights.sum()
-            self._rows[point], self._weights[point] = rows[nearest], weights
-            self._offsets[point] = place - weights @ there[nearest]
+        far, nearest = cKDTree(there).query(places, ANCHORS)
+        weights = 1.0 / (far**2 + (0.1 * self.reach) ** 2)
+        weights /= weights.sum(axis=1, keepdims=True)
+        held = far.max(axis=1) <= self.reach
+        kept, nearest = points[held], nearest[held]
+        self._rows[kept], self._weights[kept] = rows[nearest], weights[held]
+        middles = np.einsum("ij,ijk->ik", weights[held], there[nearest])
+        self._offsets[kept] = places[held] - middles
 
     def _forget(self) -> None:
         """Forget the oldest half of a stroke that goes on for minutes."""

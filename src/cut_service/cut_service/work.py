@@ -13,9 +13,9 @@ from cut_service.neighbours import Links, links_of
 from cut_service.organ import Organ, organ_of
 from cut_service.parts import change_of_parts
 from cut_service.sweep import Sweep
-from cut_service.sweep_kernels import crossed_edges
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.faces import LOCAL_FACES
+from tissue_sim.geometry.incidence import sorted_unique
 from tissue_sim.geometry.mesh import Mesh
 
 
@@ -99,11 +99,16 @@ class Plan:
         report: Figures for people.
         lips: Corners of the cut's faces where they are after snapping, in the current
             configuration [m], shape (faces_split, 3, 3).
+        unfinished: Ids of the elements around faces that would come apart if the sweep went on,
+            shape (u,).
     """
 
     edit: TopologyEdit
     report: Report
     lips: NDArray[np.float64] = field(repr=False)
+    unfinished: NDArray[np.uint32] = field(
+        default_factory=lambda: np.empty(0, dtype=np.uint32), repr=False
+    )
 
 
 @dataclass(frozen=True)
@@ -244,9 +249,7 @@ def _part_of(
         raise _no_shape()
     sweep.check_size(survey.lower, survey.upper)
     near = organ.grid.near(survey, places, *sweep.box)
-    masks = np.zeros(len(near), dtype=np.uint8)
-    crossed_edges(places, mesh.tets, near, sweep.vertices, sweep.triangles, masks)
-    near, masks = near[masks > 0], masks[masks > 0]
+    near, masks = sweep.crossed(places, mesh.tets, near, lambda rows: _beside(mesh, sweep, rows))
     if not len(near):
         raise missed()
     part = Excerpt(mesh, near)
@@ -255,6 +258,19 @@ def _part_of(
         part, links_of(part), part.element_alive[: part.element_rows], places[part.nodes], sweep,
         settings, _still(mesh, held)[part.nodes], Surroundings(mesh, organ, part, crossed, masks),
     )  # fmt: skip
+
+
+def _beside(mesh: Mesh, sweep: Sweep, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Rows of elements to look at although only what is old of a sweep may cross them.
+
+    Those at the rim of what was cut, and those that meet an element that is crossed anew: snapping
+    has moved their nodes, and it may be for another one of them now to choose a face.
+    """
+    around = mesh.incident.of_all(sorted_unique(mesh.tets[rows].ravel()))
+    again = mesh.element_rows_of(sweep.again)
+    again = again[again >= 0]
+    again = again[mesh.element_alive[again]]
+    return np.union1d(around, again).astype(np.int32)
 
 
 def _still(mesh: Mesh, held: NDArray[np.uint32] | None) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.interaction import rigid
 
-STEP_SHARE = 0.25
+STEP_SHARE = 0.5
 """A side is cut along when it has advanced by this share of the tissue's mean edge."""
 
 SIDEWAYS = 4.0
@@ -21,8 +21,9 @@ HARDLY = 0.02
 FARTHEST = 0.05
 """A blade that moves farther from one frame to the next has jumped [m]; it does not cut so far."""
 
-QUAD = np.array([[0, 1, 2], [1, 3, 2]], dtype=np.uint32)
-"""Triangles of a strip: corners 0 and 1 are its side before, 2 and 3 after."""
+QUAD = np.array([[0, 2, 1], [1, 2, 3]], dtype=np.uint32)
+"""Triangles of a strip: corners 0 and 1 are its side before, 2 and 3 after. They face the same way
+as those of the blade, so that a node in their plane is on the same side of both."""
 
 Triangles = NDArray[np.uint32]
 
@@ -41,7 +42,7 @@ class Stroke:
         corners: Of the blade in the tool's axes [m], shape (n, 3).
         step: A side is cut along when it has advanced so far [m].
         pose: Of the tool in the last frame, shape (7,).
-        begun: Pose from which each side has not been cut along, shape (n, 7).
+        begun: Ends of each side from where it has not been cut along [m], shape (n, 2, 3).
         count: Strips handed out so far.
         cutting: Whether the tissue is open; before, the blade pushes it.
     """
@@ -55,20 +56,26 @@ class Stroke:
     cutting: bool = True
 
     def __post_init__(self) -> None:
+        along = np.roll(self.corners, -1, axis=0) - self.corners
+        out = np.stack([along[:, 2], np.zeros(len(along)), -along[:, 0]], axis=1)
+        self._outwards = out / np.linalg.norm(out, axis=1, keepdims=True)
         self.restart(self.pose)
 
     def restart(self, pose: NDArray[np.float64]) -> None:
         """Cut along from a pose on, whatever was before it."""
         self.pose = pose.copy()
-        self.begun = np.tile(pose, (len(self.corners), 1))
+        self.begun, self._begun_outwards = self._sides(pose)
 
     @property
     def outwards(self) -> NDArray[np.float64]:
         """Unit vectors out of the blade at its sides, in the tool's axes, shape (n, 3)."""
-        along = np.roll(self.corners, -1, axis=0) - self.corners
-        out = np.stack([along[:, 2], np.zeros(len(along)), -along[:, 0]], axis=1)
-        unit: NDArray[np.float64] = out / np.linalg.norm(out, axis=1, keepdims=True)
-        return unit
+        return self._outwards
+
+    def _sides(self, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Ends of the sides [m], shape (n, 2, 3), and outward unit vectors, shape (n, 3)."""
+        corners = rigid.to_world(pose, self.corners)
+        ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        return ends, self._outwards @ rigid.matrix(pose[3:]).T
 
     def jumped(self, pose: NDArray[np.float64]) -> float:
         """How far the blade has come since the last frame, if that is too far [m]; else 0."""
@@ -91,30 +98,17 @@ class Stroke:
             Corners [m], four a strip (its side before, then after), and triangles.
         """
         self.pose = pose.copy()
-        sides = self._due(pose, last)
-        if not len(sides):
+        ends, outwards = self._sides(pose)
+        way = ends - self.begun
+        # Halfway between then and now: a blade that turns about itself does not advance.
+        halfway = 0.5 * (outwards + self._begun_outwards)
+        advance = np.einsum("ijk,ik->ij", way, halfway).max(axis=1)
+        slid = np.sqrt((way * way).sum(axis=2).max(axis=1)) >= SIDEWAYS * self.step
+        due = advance >= np.where(slid | last, HARDLY, 1.0) * self.step
+        strips = np.concatenate([self.begun[due], ends[due]], axis=1)
+        anew = due | slid | (advance < -HARDLY * self.step)
+        self.begun[anew], self._begun_outwards[anew] = ends[anew], outwards[anew]
+        if not len(strips):
             return None
-        strips = []
-        for side in sides:
-            ends = self.corners[[side, (side + 1) % len(self.corners)]]
-            strips += [rigid.to_world(self.begun[side], ends), rigid.to_world(pose, ends)]
-            self.begun[side] = pose
-        first = 4 * np.arange(len(sides), dtype=np.uint32)[:, None, None]
-        return np.concatenate(strips), (first + QUAD).reshape(-1, 3)
-
-    def _due(self, pose: NDArray[np.float64], last: bool) -> list[int]:
-        now, turned = rigid.to_world(pose, self.corners), rigid.matrix(pose[3:])
-        due = []
-        for side in range(len(self.corners)):
-            ends = [side, (side + 1) % len(self.corners)]
-            way = now[ends] - rigid.to_world(self.begun[side], self.corners[ends])
-            # Halfway between then and now: a blade that turns about itself does not advance.
-            halfway = 0.5 * (turned + rigid.matrix(self.begun[side, 3:]))
-            advance = float((way @ halfway @ self.outwards[side]).max())
-            travel = float(np.linalg.norm(way, axis=1).max())
-            slid = travel >= SIDEWAYS * self.step
-            if advance >= (HARDLY if slid or last else 1.0) * self.step:
-                due.append(side)
-            elif slid or advance < -HARDLY * self.step:
-                self.begun[side] = pose
-        return due
+        first = 4 * np.arange(len(strips), dtype=np.uint32)[:, None, None]
+        return strips.reshape(-1, 3), (first + QUAD).reshape(-1, 3)
