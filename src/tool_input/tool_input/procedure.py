@@ -57,7 +57,7 @@ class ProcedureTool:
 
     Attributes:
         name: Its name in topics.
-        kind: "grab" or "cut".
+        kind: "grab", "cut" or "burn".
         shape: "sphere", "rectangle" or "triangle"; empty: as the scene has it.
         size: Its size [m] as in Tool.msg; empty: as the scene has it.
         start: Where it is before its first motion.
@@ -218,11 +218,11 @@ class _Reader:
                 "a tool's name must be letters, digits and _, not starting with a digit"
             )
         keys = item.mapping(TOOL_KEYS, ("kind", "start"))
-        kind = keys["kind"].one_of(("grab", "cut"))
+        kind = keys["kind"].one_of(("grab", "cut", "burn"))
         shape, size = "", ()
         if "shape" in keys or "size" in keys:
             item.mapping(TOOL_KEYS, ("shape", "size"))
-            shapes = ("sphere",) if kind == "grab" else ("rectangle", "triangle")
+            shapes = ("rectangle", "triangle") if kind == "cut" else ("sphere",)
             shape = keys["shape"].one_of(shapes)
             numbers = keys["size"].vector(SIZES[shape])
             if not (numbers > 0).all():
@@ -316,7 +316,10 @@ class _Reader:
         sweep: SweepShape | None = None,
         parameters: dict[str, float] | None = None,
     ) -> None:
-        event = Event(time, action, target, value, method, sweep, parameters or {}, item.where)
+        event = Event(
+            time, action, target, value, method, sweep, parameters=parameters or {},
+            where=item.where,
+        )  # fmt: skip
         self.events.append(event)
 
     def _known(self, item: Item, kind: str = "") -> str:

@@ -48,7 +48,7 @@ def journal_events(entry: Message, tool_kinds: dict[str, str]) -> list[SessionEv
 
     Args:
         entry: A Journal message.
-        tool_kinds: "grab" or "cut" by tool.
+        tool_kinds: "grab", "cut" or "burn" by tool.
     """
     stamp, time, frame = nanoseconds(entry.header.stamp), float(entry.sim_time), int(entry.frame)
     events = [
@@ -74,6 +74,8 @@ def _edge_in_words(tool: str, kind: str, pressed: bool) -> str:
         return f"{tool} grabs" if pressed else f"{tool} lets go"
     if kind == "cut":
         return f"{tool} cuts" if pressed else f"{tool} is withdrawn"
+    if kind == "burn":
+        return f"{tool} burns" if pressed else f"{tool} burns no more"
     return f"{tool} is pressed" if pressed else f"{tool} is released"
 
 

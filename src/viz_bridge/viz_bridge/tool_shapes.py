@@ -16,7 +16,7 @@ class DrawnTool:
 
     Attributes:
         id: Its name.
-        kind: "grab" or "cut".
+        kind: "grab", "cut" or "burn".
         shape: "sphere", "rectangle" or "triangle".
         size: As in Tool.size [m].
         state: "active", "frozen" or "free".

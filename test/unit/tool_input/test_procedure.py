@@ -246,9 +246,9 @@ def test_stitches_are_read_with_lengths_in_the_files_units() -> None:
     line, pair, share, tight, out = procedure.events
     assert line.stitching is not None
     assert pair.stitching is not None
-    np.testing.assert_allclose(line.stitching.positions[:, 1], [0.0, 0.009, 0.0, 0.009])
+    assert line.stitching.positions[:, 1].tolist() == [0.0, 0.009, 0.0, 0.009]
     assert (line.stitching.spacing, line.stitching.running, line.value) == (0.003, True, -1.0)
-    np.testing.assert_allclose(pair.stitching.positions, [[0, 0, 0], [0.001, 0, 0]])
+    assert pair.stitching.positions.tolist() == [[0, 0, 0], [0.001, 0, 0]]
     assert (pair.stitching.reach, pair.stitching.stiffness, pair.value) == (0.002, 300.0, 0.0005)
     assert [(event.action, event.target, event.value) for event in (share, tight)] == [
         ("tighten", "rim", -0.5),
@@ -276,3 +276,9 @@ def test_mistakes_in_stitches_are_refused(old: str, new: str, message: str) -> N
     assert old in SEWN
     with pytest.raises(ProcedureError, match=message):
         parse_procedure(SEWN.replace(old, new, 1))
+
+
+def test_a_burning_tool_is_read_with_its_radius() -> None:
+    hook = "  hook: {kind: burn, shape: sphere, size: [2], start: {position: [0, 0, 10]}}\n"
+    tool = parse_procedure(TEXT.replace("  knife:", f"{hook}  knife:")).tools["hook"]
+    assert (tool.kind, tool.shape, tool.size) == ("burn", "sphere", (0.002,))
