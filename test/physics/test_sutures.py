@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.elastic_scenes import NO_ROWS, VARIANTS, apply, build
+from support.elastic_scenes import MATERIAL, NO_ROWS, VARIANTS, apply, build
 from support.sewn_blocks import sew_edit, tighten_edit, two_blocks
+from support.sheets import WITH_TORSION, strip
+from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, with_sheet
 from tissue_sim.geometry.sutures import tensions
 
 CLOSED = 0.05e-3
@@ -27,7 +31,9 @@ IN_BALANCE = set(TESTED) - {"relaxation", "chain_mail", "voxel_chain_mail", "lr"
 def sewn(variant: str, length: float = 0.0, gap: float = 0.001) -> tuple[Mesh, Model, State]:
     mesh, left, right = two_blocks(gap)
     name, parameters = VARIANTS[variant]
-    model, state = build(name, mesh, **parameters)
+    model = registry.build(name, mesh, MATERIAL, dict(parameters))
+    state = State(mesh)
+    model.prescribed_changed(state, NO_ROWS)
     apply(mesh, model, state, sew_edit(mesh, left, right, length))
     return mesh, model, state
 
@@ -115,7 +121,8 @@ def test_a_model_that_followed_has_the_forces_of_one_built_afresh(variant: str) 
     gone = TopologyEdit(mesh.version, kind="unsuture", removed_sutures=mesh.sutures.ids[2:7])
     apply(mesh, model, state, gone)
     name, parameters = VARIANTS[variant]
-    fresh, _ = build(name, mesh, state=state, **parameters)
+    fresh = registry.build(name, mesh, MATERIAL, dict(parameters))
+    fresh.prescribed_changed(state, NO_ROWS)
     rows = np.arange(mesh.node_rows, dtype=np.int32)
     force = fresh.forces(state, rows)
     np.testing.assert_allclose(model.forces(state, rows), force, atol=1e-5 * np.abs(force).max())
@@ -170,7 +177,7 @@ def test_precomputed_elements_refuse_sewn_tissue(parameters: dict[str, float]) -
     mesh, left, right = two_blocks()
     mesh.apply(sew_edit(mesh, left, right))
     with pytest.raises(ValueError, match=r"the tissue is sewn, and .* knows no stitches"):
-        build("finite_element", mesh, **parameters)
+        registry.build("finite_element", mesh, MATERIAL, parameters)
 
 
 def test_direct_factors_end_with_the_first_stitch_and_the_result_is_the_same() -> None:
@@ -218,3 +225,26 @@ def test_a_hold_lets_go_and_what_is_sewn_stays_sewn() -> None:
     model.prescribed_changed(state, NO_ROWS)
     settle(model, state)
     np.testing.assert_allclose(state.displacement, rest, atol=2e-6)
+
+
+@pytest.mark.parametrize("model_name", ["quasi_static", "spring_mass", "relaxation"])
+def test_surfaces_with_torsion_are_sewn_too(model_name: str) -> None:
+    one = strip(6, 5)
+    gap = one.points[:, 1].max() + 0.001
+    raw = RawMesh(
+        np.concatenate([one.points, one.points + np.array([0.0, gap, 0.0])]),
+        triangles=np.concatenate([one.triangles, one.triangles + len(one.points)]),
+    )
+    sheet = with_sheet(raw, SheetSettings(SURFACE, stiffness=WITH_TORSION), [])
+    y = sheet.points[:, 1]
+    mesh = Mesh(sheet, (y < 1e-9) | (y > y.max() - 1e-9))
+    left, right = (np.flatnonzero(np.isclose(y, at)) for at in (gap - 0.001, gap))
+    model, state = build(model_name, mesh)
+    apply(mesh, model, state, sew_edit(mesh, left, right))
+    settle(model, state)
+    assert np.linalg.norm(edges(mesh, state), axis=1).max() < CLOSED
+    if model.has_forces:
+        fixed = np.flatnonzero(mesh.fixed[: mesh.node_rows]).astype(np.int32)
+        low = mesh.rest[fixed, 1] < 1e-9
+        reaction = model.forces(state, fixed)[low].sum(axis=0)
+        np.testing.assert_allclose(reaction, pull(mesh, state), atol=1e-3 * reaction[1])

@@ -15,6 +15,7 @@ from cut_service.sheet_cuts import split_sheet
 from cut_service.splitting import split
 from cut_service.subdivision import subdivide
 from cut_service.sweep import Sweep
+from cut_service.threads import cut_threads, no_tissue_cut, with_threads_cut
 from cut_service.work import Plan, Report, Settings, Work, prepare
 from tissue_sim.geometry.mesh import Mesh
 
@@ -45,7 +46,7 @@ def plan(
     author: str = "",
     request_id: str = "",
 ) -> Plan:
-    """Plan a cut in the configuration given. Nothing is changed.
+    """Plan a cut in the configuration given, of threads too. Nothing is changed.
 
     Args:
         mesh: The mesh, at the version that `positions` belong to.
@@ -61,7 +62,8 @@ def plan(
     Raises:
         SweepError: The sweep is enormous beside the organ.
         CutError: Unknown method, one that cannot cut triangles, positions that do not fit or are
-            not finite, or a sweep that cuts nothing, or that would leave nothing.
+            not finite, or a sweep that cuts nothing (no thread either), or that would leave
+            nothing.
     """
     begin = time.perf_counter()
     if method not in _PLANNERS:
@@ -80,7 +82,13 @@ def plan(
     if planner is not split:
         # What they leave at the rim is not known: everything is looked at again.
         sweep = replace(sweep, old=0)
-    made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
+    try:
+        made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
+    except CutError as error:
+        if error.code != CutCode.MISSED or not len(cut_threads(mesh, positions, sweep)):
+            raise
+        made = no_tissue_cut(mesh)
+    made = with_threads_cut(mesh, made, cut_threads(mesh, positions, sweep))
     edit = replace(made.edit, base_frame=base_frame, author=author, request_id=request_id)
     report = replace(made.report, plan_ms=1e3 * (time.perf_counter() - begin))
     return replace(made, edit=edit, report=report)

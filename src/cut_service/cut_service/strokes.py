@@ -192,7 +192,9 @@ class Stroke:
         if made is not None and made.report.method == "split":
             self._spent += abs(made.report.volume_change)
         if self._swept is not None:
-            self._swept.planned(shape.positions, mesh.node_alive, made)
+            # What cut threads only has parted no tissue yet.
+            parted = made if made is not None and len(made.edit.read_elements) else None
+            self._swept.planned(shape.positions, mesh.node_alive, parted)
 
 
 class Strokes:

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tissue_interfaces.srv import Suture
 
+from cut_service.errors import CutError
+from cut_service.planner import plan
 from cut_service.suturing import (
     Sewing,
     SutureCode,
@@ -22,8 +24,9 @@ from cut_service.suturing import (
     plan_tightening,
     pulls,
 )
+from cut_service.sweep import Sweep
 from support.sewn_blocks import SIZE, two_blocks
-from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit import StaleEditError, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS
 
@@ -190,3 +193,49 @@ def _apply_and_take_out(mesh: Mesh, shape: NDArray[np.float64], edit: TopologyEd
     mesh.apply(plan_tightening(mesh, shape, table, 0.0))
     mesh.apply(plan_removal(mesh, table))
     assert len(mesh.sutures) == 0
+
+
+def blade(x: float, y: float, low: float, high: float) -> Sweep:
+    """A rectangle in the plane of this x, from y = 0 to y, between two heights."""
+    return Sweep.between(
+        np.array([[x, -0.001, low], [x, y, low]]), np.array([[x, -0.001, high], [x, y, high]])
+    )
+
+
+def test_a_blade_in_the_gap_cuts_threads_and_no_tissue() -> None:
+    mesh, shape = organ()
+    mesh.apply(plan_sewing(mesh, shape, Sewing(EDGES, spacing=0.003)))
+    made = plan(mesh, shape, blade(SIZE + 0.0004, 0.004, 0.004, 0.008), request_id="cut")
+    assert made.edit.removed_sutures.tolist() == [1, 2]
+    assert made.report.notes == "2 stitches cut"
+    assert made.report.faces_split == 0
+    assert made.edit.request_id == "cut"
+    mesh.apply(made.edit)
+    assert mesh.sutures.ids.tolist() == [3, 4]
+    with pytest.raises(CutError, match="crosses no tissue"):
+        plan(mesh, shape, blade(SIZE + 0.0004, 0.004, 0.004, 0.008))
+
+
+def test_a_blade_through_closed_lips_cuts_their_threads() -> None:
+    mesh, shape = organ()
+    mesh.apply(plan_sewing(mesh, shape, Sewing(EDGES, spacing=0.003)))
+    shape[shape[:, 0] > SIZE + 1e-6, 0] -= GAP
+    made = plan(mesh, shape, blade(SIZE - 0.0001, 0.0045, 0.003, 0.008))
+    assert made.edit.removed_sutures.tolist() == [1, 2]
+
+
+def test_a_cut_through_tissue_cuts_the_threads_it_passes_and_is_stale_if_they_change() -> None:
+    mesh, shape = organ()
+    mesh.apply(plan_sewing(mesh, shape, Sewing(EDGES, spacing=0.003)))
+    sweep = Sweep.between(
+        np.array([[0.0, 0.0045, -0.001], [0.03, 0.0045, -0.001]]),
+        np.array([[0.0, 0.0045, 0.007], [0.03, 0.0045, 0.007]]),
+    )
+    running = plan_sewing(mesh, shape, Sewing(EDGES, spacing=0.003, running=True))
+    mesh.apply(running)
+    made = plan(mesh, shape, sweep)
+    assert made.edit.removed_sutures.tolist() == [8]
+    assert made.report.faces_split > 0
+    mesh.apply(plan_removal(mesh, mesh.sutures.at(mesh.sutures.ids == 8)))
+    with pytest.raises(StaleEditError):
+        mesh.apply(made.edit)

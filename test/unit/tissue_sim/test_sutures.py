@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,9 @@ def test_bad_stitches_are_refused_and_nothing_changes(
         for item in fields(plan)
         if "sutur" in item.name or item.name == "changed_lengths"
     }
-    arrays = {name: np.array(values, dtype=kinds[name]) for name, values in changed.items()}
+    arrays: dict[str, Any] = {
+        name: np.array(values, dtype=kinds[name]) for name, values in changed.items()
+    }
     with pytest.raises(EditError, match=message):
         mesh.apply(replace(plan, **arrays))
     assert mesh.sutures is before
@@ -122,7 +125,7 @@ def test_a_plan_is_stale_if_its_nodes_changed_and_only_then() -> None:
 def test_undo_and_redo_bring_back_every_table_bit_for_bit() -> None:
     mesh, left, right = two_blocks()
     history, tables = EditHistory(), [mesh.sutures]
-    for make in (
+    makers: tuple[Callable[[], TopologyEdit], ...] = (
         lambda: sew_edit(mesh, left[:8], right[:8], 0.001),
         lambda: tighten_edit(mesh, 0.0003),
         lambda: TopologyEdit(mesh.version, kind="unsuture", removed_sutures=ids(2, 5)),
@@ -130,7 +133,8 @@ def test_undo_and_redo_bring_back_every_table_bit_for_bit() -> None:
         lambda: TopologyEdit(
             mesh.version, removed_elements=mesh.incident.of(int(left[3])).astype(np.uint32)
         ),
-    ):
+    )
+    for make in makers:
         history.record(mesh.apply(make()))
         tables.append(mesh.sutures)
     assert len(tables[-1]) == len(tables[-2]) - 1
@@ -266,7 +270,7 @@ def test_a_damaged_table_is_refused(changed: dict[str, Any], message: str) -> No
     )
     alive = np.ones(10, dtype=np.bool_)
     assert checked_sutures(table, alive) is table
-    values = {
+    values: dict[str, Any] = {
         name: value if name == "next_id" else np.array(value) for name, value in changed.items()
     }
     with pytest.raises(ValueError, match=message):
@@ -283,8 +287,9 @@ def test_a_late_joiner_knows_the_stitches_and_follows_the_next_ones() -> None:
     replica.take_keyframe(epoch, conversions.topology_to_mesh(message))
     assert replica.mesh is not None
     assert equal(replica.mesh.sutures, mesh.sutures)
-    for make in (lambda: sew_edit(mesh, left[6:], right[6:]), lambda: tighten_edit(mesh, 0.0)):
-        applied = mesh.apply(make()).edit
+    for number in (0, 1):
+        plan = tighten_edit(mesh, 0.0) if number else sew_edit(mesh, left[6:], right[6:])
+        applied = mesh.apply(plan).edit
         sent = conversions.edit_to_msg(applied, epoch, "organ", Time())
         replica.take_edit(epoch, conversions.edit_from_msg(sent))
     assert replica.gaps == 0
