@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import copy
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from scipy.spatial import cKDTree
 from cut_service.errors import CutCode, CutError
 from cut_service.outcome import Outcome
 from cut_service.planner import plan
+from cut_service.stroke_study import as_markdown
 from cut_service.strokes import Pick, Strip, Strokes
 from cut_service.sweep import Sweep
 from cut_service.swept import Swept
@@ -184,6 +187,16 @@ def test_strips_too_narrow_to_part_anything_add_up() -> None:
     assert farthest(split_nodes(mesh), split_nodes(whole)) <= edge
 
 
+def test_the_documented_figures_are_those_of_the_study(repository: Path) -> None:
+    rows = json.loads((repository / "docs/results/strokes.json").read_text())["rows"]
+    assert as_markdown(rows) in (repository / "docs/progressive_cutting.md").read_text()
+    heart, small, large = rows
+    assert heart["nodes"] > 36000
+    assert heart["plan_ms"]["median"] < 1000 / 60
+    assert heart["edit_ms"]["median"] < 2.0
+    assert small["faces"] == large["faces"]
+
+
 # The surface that was passed
 
 
@@ -308,4 +321,4 @@ def test_a_stroke_that_never_touches_tissue_says_nothing_was_parted() -> None:
     operation = Operation(organ(), BLADE, 1)
     operation.go(line([0.2, 0, 0], [0.2, 0.03, 0], 20, TURN))
     assert operation.edits == []
-    assert operation.empty > 0
+    assert operation.empty_seconds
