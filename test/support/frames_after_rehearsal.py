@@ -16,9 +16,11 @@ from multiprocessing.connection import Connection
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
+from support.sewn_blocks import sew_edit
 from support.split_edit import split_at
 from tissue_sim.elastic.registry import names
 from tissue_sim.frame import Budget, Command, Edge, FrameInputs, ToolSample
+from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.interaction.coupling import FORCE
@@ -84,7 +86,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def called_first(scene: Scene) -> list[str]:
-    """Grab, pull, cut, let go, grab by command, let go; kernels that were not there before."""
+    """Grab, pull, cut, sew, let go, grab by command, let go; kernels not there before."""
     raw = block(NODES, NODES, NODES, SIZE, SIZE, SIZE)
     fixed = np.zeros(len(raw.points), dtype=np.bool_)
     fixed[raw.node_sets["fixed"]] = True
@@ -96,6 +98,8 @@ def called_first(scene: Scene) -> list[str]:
         edge: Edge = 1 if number == 0 else -1 if number == 6 else 0
         moved = pose + 0.001 * number * np.eye(7)[2]
         edits = (split_at(simulation.mesh, 0.03, 0.02),) if number == 4 else ()
+        if number == 5 and not simulation.model.sewing_refusal():
+            edits = (_stitch(simulation.mesh),)
         grab = (Command("grab", {"tool": "g", "radius": 0.02}),) if number == 7 else ()
         sample = ToolSample("g", moved, 1, number < 6, edge)
         inputs = FrameInputs(edits=edits, tools=(sample,), commands=grab)
@@ -105,6 +109,12 @@ def called_first(scene: Scene) -> list[str]:
         assert bool(len(simulation.holds.rows)) == (number != 6)
     after = signatures()
     return sorted(name for name in after if after[name] > before.get(name, 0))
+
+
+def _stitch(mesh: Mesh) -> TopologyEdit:
+    """Sew a copy to its parent."""
+    copy = mesh.node_rows - 1
+    return sew_edit(mesh, mesh.node_parents[[copy]].astype(np.int64), np.array([copy]))
 
 
 def _in_child(reply: Connection, scene: Scene) -> None:

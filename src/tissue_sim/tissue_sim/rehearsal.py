@@ -13,6 +13,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import SheetStiffness
 from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, surface_of, with_sheet
+from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.cut_response import CutResponse
 from tissue_sim.interaction.tools import CUT, PROGRESSIVE, RECTANGLE, ToolSpec
@@ -24,10 +25,10 @@ TOOL = ToolSpec("rehearsal", size=(0.002,))
 
 
 def rehearse(sheet: bool = False) -> None:
-    """Grab, pull, split and release two tetrahedra with every model.
+    """Grab, pull, split, release and sew two tetrahedra with every model.
 
     And with the parameters, holds and predictors with which frames call other kernels.
-    For tissue made of triangles, grab, pull, split and release those of a surface as well.
+    For tissue made of triangles, do the same with those of a surface as well.
 
     Kernels are compiled, or loaded from the cache, at their first call: tens of milliseconds each.
     """
@@ -62,6 +63,7 @@ def _rehearse(scene: Scene, sheet: bool = False) -> None:
     edits = (_sheet_split(mesh) if sheet else _split(),)
     simulation.advance(FrameInputs(edits=edits, tools=(moved,)), budget)
     simulation.advance(FrameInputs(tools=(replace(moved, use=False, edge=-1),)), budget)
+    simulation.advance(FrameInputs(edits=(_stitch(mesh),)), budget)
     grab = Command("grab", {"tool": TOOL.id, "radius": 0.002})
     simulation.advance(FrameInputs(commands=(grab,)), budget)
     simulation.model.residual(simulation.state)
@@ -88,6 +90,20 @@ def _sheet_split(mesh: Mesh) -> TopologyEdit:
         copy_parents=at,
         rewritten_elements=mesh.element_ids[row],
         rewritten_nodes=nodes.astype(np.uint32),
+    )
+
+
+def _stitch(mesh: Mesh) -> TopologyEdit:
+    """Sew a node to the first copy."""
+    new = np.array([PROVISIONAL], dtype=np.uint32)
+    return TopologyEdit(
+        mesh.version,
+        kind="suture",
+        added_sutures=new,
+        suture_nodes=np.array([[1, 5]], dtype=np.uint32),
+        suture_lengths=np.zeros(1),
+        suture_stiffness=np.array([DEFAULT_STIFFNESS]),
+        suture_groups=new,
     )
 
 
