@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from cut_service.neighbours import NOBODY, Links, across
-from cut_service.stress import stresses_of
+from cut_service.stress import ElementMaterial, stresses_of
 from cut_service.work import Work
 
 Rows = NDArray[np.int32]
@@ -101,13 +101,13 @@ class Fan:
 
 
 def best_fan(
-    work: Work, lame: Reals, cut: Cut, face: Face, direction: Reals, nodes: list[int]
+    work: Work, material: ElementMaterial, cut: Cut, face: Face, direction: Reals, nodes: list[int]
 ) -> Fan | None:
     """The fan through one of the nodes of a face that is pulled apart hardest.
 
     Args:
         work: The plan's.
-        lame: Lame's constants of each element [Pa], shape (element_rows, 2).
+        material: What elements are made of.
         cut: What is cut already.
         face: Nodes of the face, which the fan contains.
         direction: Unit vector that faces of the fan should be perpendicular to, shape (3,).
@@ -116,7 +116,7 @@ def best_fan(
     Returns:
         None if no node can split along the face.
     """
-    fans = [_fan(work, lame, cut, node, face, direction) for node in nodes]
+    fans = [_fan(work, material, cut, node, face, direction) for node in nodes]
     return max((fan for fan in fans if fan is not None), key=lambda fan: fan.pull, default=None)
 
 
@@ -141,7 +141,9 @@ def taken_back(work: Work, cut: Cut, fan: Fan) -> None:
         cut.faces.pop()
 
 
-def _fan(work: Work, lame: Reals, cut: Cut, node: int, face: Face, direction: Reals) -> Fan | None:
+def _fan(
+    work: Work, material: ElementMaterial, cut: Cut, node: int, face: Face, direction: Reals
+) -> Fan | None:
     elements = work.mesh.incident.of(node)
     lines: dict[Line, list[int]] = {}
     for element, corners in zip(elements.tolist(), work.links.tets[elements].tolist(), strict=True):
@@ -169,7 +171,7 @@ def _fan(work: Work, lame: Reals, cut: Cut, node: int, face: Face, direction: Re
         return None
     path = [*reversed(head), *tail]
     sides = [(inner[line][0], inner[line][1]) for line in _lines(path)]
-    return Fan(node, path, sides, _pull(work, lame, node, path, sides))
+    return Fan(node, path, sides, _pull(work, material, node, path, sides))
 
 
 def _way_to(
@@ -209,7 +211,7 @@ def _costs(work: Work, node: int, lines: list[Line], direction: Reals) -> list[f
 
 
 def _pull(
-    work: Work, lame: Reals, node: int, path: list[int], sides: list[tuple[int, int]]
+    work: Work, material: ElementMaterial, node: int, path: list[int], sides: list[tuple[int, int]]
 ) -> float:
     """Mean normal traction on the faces of a path, weighted by their area [Pa]."""
     ends = work.positions[np.array(_lines(path))] - work.positions[node]
@@ -220,7 +222,7 @@ def _pull(
     unit = normals / np.maximum(area, 1e-300)[:, None]
     rows = np.array(sides, dtype=np.int32)
     stress = stresses_of(
-        work.rest, work.positions, work.links.tets[rows.ravel()], lame[rows.ravel()]
+        work.rest, work.positions, work.links.tets[rows.ravel()], material.of(rows.ravel())
     ).tensors.reshape(-1, 2, 3, 3)
     traction = np.einsum("ni,nij,nj->n", unit, stress.mean(axis=1), unit)
     return float(traction @ area / area.sum())

@@ -35,6 +35,11 @@ class ElementMaterial:
     kinds: NDArray[np.uint8]
     lame: Reals
 
+    def of(self, elements: Rows) -> Reals:
+        """Lame's constants of elements [Pa], shape (len(elements), 2)."""
+        constants: Reals = self.lame[self.kinds[elements]]
+        return constants
+
 
 def element_material(field: MaterialField) -> ElementMaterial:
     """What stress needs of a mesh's material."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cut_service.crack import Cut, Fan, add, best_fan, inner_faces, on_surface, taken_back
 from cut_service.pieces import piece_of
 from cut_service.stress import ElementMaterial, pulled_hard, stresses_of
-from cut_service.ungluing import Ungluing, unglue
+from cut_service.ungluing import Ungluing, unglue, unglue_at
 from cut_service.work import Work, face_nodes
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.faces import LOCAL_FACES
@@ -19,10 +19,10 @@ from tissue_sim.geometry.faces import LOCAL_FACES
 Rows = NDArray[np.int32]
 Reals = NDArray[np.float64]
 
-MOST_LOOKED_AT = 200
+MOST_LOOKED_AT = 100
 """Elements above the threshold that are considered, the most stressed ones."""
 
-MOST_TRIED = 60
+MOST_TRIED = 30
 """Elements that a crack is tried at in one plan."""
 
 ALIGNED = 0.7071
@@ -118,14 +118,13 @@ def plan_tear(work: Work, material: ElementMaterial, settings: TearSettings) -> 
     )
     if not len(rows):
         return Tear(0, largest)
-    lame = material.lame[material.kinds[: len(work.links.tets)]]
-    seeds = _seeds(work, lame, rows, stress)
+    seeds = _seeds(work, material, rows, stress)
     if not len(seeds.elements):
         return Tear(
             len(rows), largest, why="none of the elements above the threshold has a node that may "
             "split: they are inside, or at fixed or held nodes",
         )  # fmt: skip
-    cut = _grown(work, lame, seeds, settings)
+    cut = _grown(work, material, seeds, settings)
     faces = cut.rows
     if not len(faces):
         return Tear(
@@ -138,7 +137,7 @@ def plan_tear(work: Work, material: ElementMaterial, settings: TearSettings) -> 
     return Tear(len(rows), largest, edit, len(ungluing.opened), corners=corners)
 
 
-def _seeds(work: Work, lame: Reals, rows: Rows, stress: Reals) -> _Seeds:
+def _seeds(work: Work, material: ElementMaterial, rows: Rows, stress: Reals) -> _Seeds:
     """Faces at the nodes of elements above the threshold that may split."""
     if len(rows) > MOST_LOOKED_AT:
         rows = rows[np.argpartition(-stress, MOST_LOOKED_AT)[:MOST_LOOKED_AT]]
@@ -153,7 +152,7 @@ def _seeds(work: Work, lame: Reals, rows: Rows, stress: Reals) -> _Seeds:
     inside = np.zeros((len(rows), 4), dtype=np.bool_)
     inner_faces(work.links, rows, inside)
     ready = inside & np.any(may_split[faces], axis=2)
-    tensors = smoothed_stress(work, lame, rows)
+    tensors = smoothed_stress(work, material, rows)
     direction = np.linalg.eigh(tensors)[1][:, :, 2]
     normals = unit_normals(work.positions[faces])
     along = np.abs(np.einsum("nfi,ni->nf", normals, direction))
@@ -167,7 +166,7 @@ def _seeds(work: Work, lame: Reals, rows: Rows, stress: Reals) -> _Seeds:
     return _Seeds(rows[order], faces[order, best[order]], direction[order], may_split)
 
 
-def smoothed_stress(work: Work, lame: Reals, rows: Rows) -> Reals:
+def smoothed_stress(work: Work, material: ElementMaterial, rows: Rows) -> Reals:
     """Stress of elements as the mean of their nodes', these the mean of the elements at them [Pa].
 
     At the tip of a crack the stress of single elements of constant strain points anywhere; that of
@@ -175,7 +174,7 @@ def smoothed_stress(work: Work, lame: Reals, rows: Rows) -> Reals:
 
     Args:
         work: The plan's.
-        lame: Lame's constants of each element [Pa], shape (element_rows, 2).
+        material: What elements are made of.
         rows: The elements, shape (n,).
 
     Returns:
@@ -184,7 +183,7 @@ def smoothed_stress(work: Work, lame: Reals, rows: Rows) -> Reals:
     nodes = np.unique(work.links.tets[rows])
     around = work.mesh.incident.of_all(nodes)
     corners = work.links.tets[around]
-    tensors = stresses_of(work.rest, work.positions, corners, lame[around]).tensors
+    tensors = stresses_of(work.rest, work.positions, corners, material.of(around)).tensors
     edges = work.rest[corners[:, 1:]] - work.rest[corners[:, :1]]
     volumes = np.linalg.det(edges)
     place = np.full(work.mesh.node_rows, len(nodes))
@@ -211,7 +210,7 @@ def unit_normals(corners: Reals) -> Reals:
     return unit
 
 
-def _grown(work: Work, lame: Reals, seeds: _Seeds, settings: TearSettings) -> Cut:
+def _grown(work: Work, material: ElementMaterial, seeds: _Seeds, settings: TearSettings) -> Cut:
     """The faces to open: from the seeds, the hardest pulled first."""
     cut = Cut(np.zeros(len(work.links.tets), dtype=np.uint8))
     apart = settings.spacing * _mean_edge(work, seeds.elements[:100])
@@ -231,11 +230,11 @@ def _grown(work: Work, lame: Reals, seeds: _Seeds, settings: TearSettings) -> Cu
         waiting[k] = False
         a, b, c = sorted(seeds.faces[k].tolist())
         able = [node for node in (a, b, c) if seeds.may_split[node]]
-        fan = best_fan(work, lame, cut, (a, b, c), seeds.direction[k], able)
+        fan = best_fan(work, material, cut, (a, b, c), seeds.direction[k], able)
         if fan is None or fan.pull < settings.pull_share * settings.threshold:
             continue
         add(work, cut, fan)
-        if _splits_still_node(work, cut) or _frees_crumb(work, cut, fan, settings):
+        if _splits_still_node(work, cut, fan) or _frees_crumb(work, cut, fan, settings):
             taken_back(work, cut, fan)
             continue
         new = np.array([fan.node, *fan.path])
@@ -245,10 +244,11 @@ def _grown(work: Work, lame: Reals, seeds: _Seeds, settings: TearSettings) -> Cu
     return cut
 
 
-def _splits_still_node(work: Work, cut: Cut) -> bool:
-    """Whether a fixed or held node would come apart, which opens nothing."""
-    parents = unglue(work.links, cut.bits, cut.rows, work.mesh.node_rows).parents
-    return bool(work.still[parents].any())
+def _splits_still_node(work: Work, cut: Cut, fan: Fan) -> bool:
+    """Whether a fixed or held node would come apart by a fan, which opens nothing."""
+    nodes = np.unique(np.array([fan.node, *fan.path], dtype=np.int32))
+    nodes = nodes[work.still[nodes]]
+    return len(nodes) > 0 and len(unglue_at(work.links, cut.bits, nodes, 0).parents) > 0
 
 
 def _frees_crumb(work: Work, cut: Cut, fan: Fan, settings: TearSettings) -> bool:

@@ -33,6 +33,9 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import BURN
 from tissue_sim.replica import Replica, Shape
 
+SHARE = 0.2
+"""Most of the node's time that looking for tears takes: cuts that are asked for come first."""
+
 
 class TissueWatch:
     """Tears and burns the organ that the cutting node follows."""
@@ -59,6 +62,7 @@ class TissueWatch:
         self._held: tuple[bytes, NDArray[np.uint32]] = (b"", np.empty(0, dtype=np.uint32))
         self._epoch, self._version, self._changed_at = b"", 0, -np.inf
         self._state_version = -1
+        self._look_again = -np.inf
         self._last, self._seconds, self._problem = Tear(0, 0.0), 0.0, ""
         self._tools: dict[str, Any] = {}
         hear = node.create_subscription
@@ -142,7 +146,8 @@ class TissueWatch:
         if mesh is not None and mesh.sheet_rows is not None:
             wanted = settings.sheet.elongation > 0.0
         busy = self._tears.busy()
-        settled = time.monotonic() - self._changed_at >= settings.settle
+        now = time.monotonic()
+        settled = now - self._changed_at >= settings.settle and now >= self._look_again
         if not wanted or mesh is None or not replica.ready or busy or not settled:
             return
         if self._state_version != mesh.version or mesh.version < self._tears.version:
@@ -157,6 +162,7 @@ class TissueWatch:
             self._problem = str(error)
             return
         self._seconds = time.perf_counter() - begun
+        self._look_again = time.monotonic() + (1.0 / SHARE - 1.0) * self._seconds
         if tear is None:
             return
         self._last, self._problem = tear, tear.why

@@ -57,10 +57,10 @@ def test_nodes_on_the_surface_are_found() -> None:
 
 @pytest.mark.parametrize("axis", range(3))
 def test_the_faces_that_open_are_perpendicular_to_the_pull(axis: int) -> None:
-    """A regular block has faces across every axis: those, and no others, open."""
+    """A regular block has faces across every axis: those open before any other."""
     mesh = new("block")
     stress = SOFT.young_modulus * 0.1
-    found = tear(mesh, pulled(mesh, 0.1, axis), 0.99 * stress)
+    found = tear(mesh, pulled(mesh, 0.1, axis), 0.99 * stress, faces_per_edit=4)
     assert found.over == mesh.element_rows
     assert found.largest == pytest.approx(stress)
     assert found.edit is not None
