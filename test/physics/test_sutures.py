@@ -13,6 +13,7 @@ from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, with_sheet
@@ -248,3 +249,23 @@ def test_surfaces_with_torsion_are_sewn_too(model_name: str) -> None:
         low = mesh.rest[fixed, 1] < 1e-9
         reaction = model.forces(state, fixed)[low].sum(axis=0)
         np.testing.assert_allclose(reaction, pull(mesh, state), atol=1e-3 * reaction[1])
+
+
+@pytest.mark.parametrize("variant", sorted(IN_BALANCE))
+def test_undone_stitches_leave_forces_as_they_were_bit_for_bit(variant: str) -> None:
+    mesh, left, right = two_blocks()
+    name, parameters = VARIANTS[variant]
+    model = registry.build(name, mesh, MATERIAL, dict(parameters))
+    state, history = State(mesh), EditHistory()
+    rows = np.arange(mesh.node_rows, dtype=np.int32)
+    shape = np.random.default_rng(2).normal(size=(mesh.node_rows, 3)) * 1e-4
+    state.displacement[rows] = shape
+    model.prescribed_changed(state, NO_ROWS)
+    before = model.forces(state, rows)
+    for edit in (sew_edit(mesh, left, right), None):
+        change = mesh.apply(edit or history.undo(mesh))
+        history.record(change)
+        state.follow(mesh, change)
+        model.topology_changed(change, state)
+        differ = (model.forces(state, rows) != before).any(axis=1)
+        assert differ.any() == bool(edit)
