@@ -25,9 +25,19 @@ from cut_service.swept import Swept
 from cut_service.work import Settings
 from support.operation import Operation, knife, line, split_nodes
 from support.valid_mesh import check_valid
+from tissue_sim.frame import Command
+from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
+from tissue_sim.geometry.sheet_geometry import (
+    CONNECTED,
+    SURFACE,
+    SheetSettings,
+    surface_of,
+    with_sheet,
+)
 from tissue_sim.interaction.blade_contact import mean_edge
+from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.journal import replay
 from tissue_sim.replica import Replica
 
@@ -103,6 +113,48 @@ def test_a_stroke_right_through_gives_two_parts(frames: int) -> None:
     operation = Operation(organ(), knife((0.02, 0.09)), 2)
     operation.go(line([PLACE, -0.02, 0.03], [PLACE, 0.085, 0.03], frames, TURN))
     assert check_valid(operation.simulation.mesh).components == 2
+
+
+@pytest.mark.parametrize("method", ["subdivide", "remove"])
+def test_other_ways_of_cutting_follow_a_stroke(method: str) -> None:
+    operation = Operation(organ(), knife((0.02, 0.09)), 2, method)
+    operation.go(line([PLACE, -0.02, 0.03], [PLACE, 0.085, 0.03], 80, TURN))
+    assert check_valid(operation.simulation.mesh).components == 2
+
+
+@pytest.mark.parametrize("kind", [SURFACE, CONNECTED])
+def test_a_stroke_parts_triangles(kind: str) -> None:
+    raw = with_sheet(surface_of(block(8, 8, 8, SIZE, SIZE, SIZE)), SheetSettings(kind), [])
+    operation = Operation(Mesh(raw, raw.points[:, 2] < 1e-9), knife((0.02, 0.09)), 2)
+    operation.go(line([PLACE, -0.02, 0.03], [PLACE, 0.085, 0.03], 80, TURN))
+    mesh = operation.simulation.mesh
+    corners = mesh.tets[: mesh.element_rows]
+    solid = mesh.element_alive[: mesh.element_rows] & (corners[:, 2] >= 0)
+    parts, _ = connected_components(corners[:, [0, 1, 2, 2]], solid, mesh.node_rows)[:2]
+    assert parts == 2
+
+
+def test_tissue_that_is_pulled_while_it_is_cut_is_cut_once() -> None:
+    operation = Operation(organ(), BLADE, 2)
+    simulation = operation.simulation
+    simulation.set_tool(
+        ToolSpec("grasper", size=(0.02,), pose=(SIZE, SIZE / 2, SIZE, 0, 0, 0, 1)).checked()
+    )
+    poses = way(0.033, 80)
+    grab = Command("grab", {"tool": "grasper", "radius": 0.02})
+    operation.frame(poses[0], use=False, commands=(grab,))
+    operation.frame(poses[0], edge=1)
+    for number, pose in enumerate(poses[1:]):
+        simulation.poses["grasper"][0] = SIZE + 0.03 * number / len(poses)
+        operation.frame(pose)
+    operation.frame(poses[-1], use=False, edge=-1)
+    for _ in range(9):
+        operation.frame(poses[-1], use=False)
+    assert check_valid(simulation.mesh).components == 1
+    still = cut_at_once(organ(), 0.033)
+    opened = split_nodes(simulation.mesh)
+    assert len(opened) <= 1.3 * len(split_nodes(still))
+    assert opened[:, 1].max() > SIZE - mean_edge(still)
 
 
 def test_a_stroke_that_ends_inside_keeps_its_rim() -> None:

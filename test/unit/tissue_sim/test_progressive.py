@@ -103,6 +103,13 @@ def test_a_tool_changed_or_removed_ends_its_stroke(command: Command) -> None:
     assert not use.simulation.blades.strokes
 
 
+def test_a_blade_pressed_since_before_a_reset_has_to_be_pressed_again() -> None:
+    use = Use()
+    assert use.frame([0.03, 0.0, 0.05]).cuts == ()
+    assert use.frame([0.03, 0.01, 0.05]).cuts == ()
+    assert len(use.frame([0.03, 0.01, 0.05], 1).cuts) == 1
+
+
 def test_set_tool_keeps_how_a_tool_cuts_unless_it_says() -> None:
     use = Use(response={"toughness": 160.0})
     same = {"id": "knife", "kind": "cut", "shape": "rectangle", "size": [0.03, 0.04]}
