@@ -77,14 +77,14 @@ def test_a_script_cuts_as_it_moves_and_all_of_it_is_undone_and_replayed(
         report = tmp_path / "report.json"
         eventually(lambda: report.exists() or not world.runs("simulation"), 300.0)
         assert json.loads(report.read_text())["exit_code"] == 0
-        said = eventually(lambda: re.search(r"stroke by knife: (\d+) strips.*", world.log("cut")))
+        said = eventually(lambda: re.findall(r"stroke by knife: .*", world.log("cut")))[0]
         strips = [m for m in heard.heard["tissue/cut_request"] if m.stroke]
         assert len({m.stroke for m in strips}) == 1
         assert [m.strip for m in strips] == list(range(len(strips)))
         assert strips[-1].ends
-        assert int(said.group(1)) == len(strips)
-        assert "failed" not in said.group(0)
-        assert "lost" not in said.group(0)
+        assert f"{len(strips)} strips in" in said
+        assert "failed" not in said
+        assert "lost" not in said
 
         edits = len(heard.heard["tissue/edits"])
         assert edits >= 3

@@ -71,7 +71,7 @@ class Swept:
         """
         strip = Sweep.from_arrays(vertices, triangles)
         rows = np.empty(len(strip.vertices), dtype=np.int32)
-        fresh = []
+        fresh: list[Points] = []
         for k, corner in enumerate(strip.vertices):
             key = corner.tobytes()
             if key not in self._known:
@@ -114,10 +114,8 @@ class Swept:
             alive: Which nodes there are, shape (node_rows or more,).
         """
         held = (self._rows >= 0).all(axis=1)
-        rows = self._rows[held]
-        there = (rows < len(positions)).all(axis=1)
-        there[there] = alive[rows[there]].all(axis=1)
-        held[held] = there
+        rows = np.minimum(self._rows, len(positions) - 1)
+        held = held & (rows == self._rows).all(axis=1) & alive[rows].all(axis=1)
         places = np.asarray(positions[self._rows[held]], dtype=np.float64)
         moved = np.einsum("ij,ijk->ik", self._weights[held], places)
         self.points[held] = moved + self._offsets[held]
@@ -179,7 +177,8 @@ class Swept:
         if len(rows) < ANCHORS:
             return
         there = positions[rows].astype(np.float64)
-        far, nearest = cKDTree(there).query(places, ANCHORS)
+        found = cKDTree(there).query(places, ANCHORS)
+        far, nearest = np.asarray(found[0]), np.asarray(found[1])
         weights = 1.0 / (far**2 + (0.1 * self.reach) ** 2)
         weights /= weights.sum(axis=1, keepdims=True)
         held = far.max(axis=1) <= self.reach

@@ -88,7 +88,7 @@ def everywhere() -> Sweep:
 
 def farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Hausdorff distance of two sets of points."""
-    return float(max(cKDTree(a).query(b)[0].max(), cKDTree(b).query(a)[0].max()))
+    return max(float(np.max(cKDTree(p).query(q)[0])) for p, q in ((a, b), (b, a)))
 
 
 BLADE = knife((0.02, 0.04))
