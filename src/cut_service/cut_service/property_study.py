@@ -35,7 +35,7 @@ ORGANS: dict[str, Callable[[], RawMesh]] = {
     "shell": lambda: sphere_shell(subdivisions=3, layers=2),
     "heart": heart,
 }
-RUNS = {"wall": 500, "shell": 250, "heart": 5}
+RUNS = {"wall": 300, "shell": 150, "heart": 4}
 """Runs of each organ by each method; a run is `CUTS_IN_A_RUN` sweeps, all undone, some redone."""
 CUTS_IN_A_RUN = 4
 SHARES = (0.05, 0.15, 0.4, 3.0)

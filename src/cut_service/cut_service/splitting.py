@@ -14,6 +14,9 @@ from cut_service.work import Plan, Report, Work, distance_of, face_nodes, too_sh
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.incidence import sorted_unique
 
+SNAPPING = 0.6
+"""Share of the volume budget that snapping may use; the rest is for taking some of it back."""
+
 
 def split(work: Work) -> Plan:
     """Plan to split the mesh along the faces near the sweep.
@@ -77,7 +80,7 @@ def _moved(work: Work, nodes: NDArray[np.int32]) -> Relief:
     movable = nodes[~work.still[nodes]] if how.snap else nodes[:0]
     snapping, change = snap(
         work.links, work.rest, work.positions, movable, work.sweep, how.quality_floor,
-        float(np.cos(how.crease_angle)), budget,
+        float(np.cos(how.crease_angle)), SNAPPING * budget,
     )  # fmt: skip
     if not how.snap:
         return Relief(snapping, Made.none(), change)
