@@ -136,9 +136,8 @@ venv_signature() {
 compile_kernels() (
   set +u
   . scripts/env.sh
-  mkdir -p "$NUMBA_CACHE_DIR"
   python -P -m cut_service.warm_up &
-  python -P -m tissue_sim.rehearsal && wait $! && touch "$kernels"
+  python -P -m tissue_sim.rehearsal && wait $!
 )
 
 exec 9>.setup.lock
@@ -167,8 +166,15 @@ fi
 .venv/bin/python -I scripts/build.py
 
 # Kernels are compiled once for each set of sources. Nodes would do it at their first start, while
-# everybody waits for them.
-kernels=$(set +u; . scripts/env.sh; printf %s "$NUMBA_CACHE_DIR/.complete")
-if [ ! -e "$kernels" ] && mkdir -p "${kernels%/*}" 2>/dev/null; then
-  stage "kernels (once for these sources)" kernels compile_kernels
+# everybody waits for them. What is compiled belongs to this folder's copy of the sources, wherever
+# the cache lies.
+compiled=install/.kernels_compiled
+cache=$(set +u; . scripts/env.sh; printf %s "$NUMBA_CACHE_DIR")
+if [ "$(cat $compiled 2>/dev/null)" != "$cache" ] || [ ! -d "$cache" ]; then
+  if mkdir -p "$cache" 2>/dev/null; then
+    stage "kernels (once for these sources)" kernels compile_kernels
+    printf %s "$cache" >$compiled
+  else
+    say "no kernels are compiled now: $cache cannot be written; every start will do it"
+  fi
 fi

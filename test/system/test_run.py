@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -130,6 +131,21 @@ def test_any_mesh_is_grabbed_pulled_and_cut_and_its_journal_replays(
     with np.load(tmp_path / "out" / "replayed_relaxation.npz") as other:
         assert other["positions"].shape == same.shape
         assert not np.array_equal(other["positions"], same)
+
+
+def test_the_heart_of_a_patient_is_grabbed_pulled_and_cut(
+    tissue: Tissue, shared_meshes: Path
+) -> None:
+    mesh = shared_meshes / "toronto_chd" / "derived_2018002_tof_ftetwild_33k.vtu"
+    code, output = tissue.run(
+        "run", str(mesh), "--units", "mm", "--headless", "--frames", "300", "--out", "out"
+    )
+    assert code == 0, output
+    said = dict(re.findall(r"│ ([a-z][a-z ]+?) +│ +([^│]+?) +│", output))
+    assert said["finite"] == said["replays bit for bit"] == "yes"
+    assert float(said["opening"].split()[0]) > 3.0
+    assert "moved" in said["grab by grasper"]
+    assert tissue.alive() == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

@@ -72,6 +72,8 @@ def test_launcher_that_is_ended_leaves_no_process_behind(
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # A shell's background jobs ignore Ctrl-C, and so would what a test among them starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert launcher.stdout is not None
     groups = [int(word) for word in launcher.stdout.readline().split()]
