@@ -104,6 +104,8 @@ def main() -> None:
     writer = DataWriter(participant, pose_topic, qos=reliable)
     reader = DataReader(participant, state_topic, qos=reliable)
     frames = 0
+    while not writer.get_matched_subscriptions():
+        time.sleep(0.05)
     for step in range(500):
         now = time.time_ns()
         header = Header(Time(now // 10**9, now % 10**9), "organ")

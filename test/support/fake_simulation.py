@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from tissue_interfaces.msg import TissueState, Topology, TopologyEdit
 from tissue_interfaces.srv import ApplyEdit
 
+from support.spinner import Spinner
 from tissue_sim import conversions, qos
 from tissue_sim.geometry.edit import EditError, StaleEditError
 from tissue_sim.geometry.edit import TopologyEdit as Edit
@@ -101,22 +100,11 @@ def spinning(domain: int, factory: Callable[[Context], Node]) -> Iterator[Any]:
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     node = factory(context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin)
-    thread.start()
+    spinner = Spinner(node)
     try:
         yield node
     finally:
-        executor.shutdown()
-        context.try_shutdown()
-        thread.join()
-        node.destroy_node()
+        spinner.stop()
 
 
 def wait_for(holds: Callable[[], bool], seconds: float = 30.0, what: str = "it") -> None:

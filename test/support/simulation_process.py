@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -19,7 +18,6 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from tissue_interfaces.msg import (
@@ -32,6 +30,7 @@ from tissue_interfaces.msg import (
     TopologyEdit,
 )
 
+from support.spinner import Spinner
 from tissue_sim import conversions, qos
 
 PATIENCE = 60.0
@@ -128,21 +127,11 @@ class Client:
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            self._executor.spin()
+        self._spinner = Spinner(self.node)
 
     def close(self) -> None:
         """Leave the domain."""
-        self._executor.shutdown()
-        self._thread.join(timeout=10.0)
-        self.node.destroy_node()
-        self.context.try_shutdown()
+        self._spinner.stop()
 
     def hear(self, *topics: str) -> None:
         """Keep every message of topics in `heard`."""

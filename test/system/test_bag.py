@@ -109,9 +109,11 @@ def test_a_session_is_recorded_and_read_by_others(
     counts = topic_counts(bag)
     assert set(counts) == EVERYTHING
     assert counts["/tissue/journal"] == 420
-    # 10 a second of 60, and the first of each version; a busy machine may take longer than 7 s.
-    seconds = span(read_bag(bag, ["/tissue/journal"]))
-    assert 5 * seconds < counts["/tissue/state"] < 10 * seconds + 4
+    # 10 a second of 60, and the first of each version; what a machine stands still does not count.
+    journal = list(read_bag(bag, ["/tissue/journal"]))
+    stamps = [item.message.header.stamp for item in journal]
+    gaps = np.diff([stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps])
+    assert counts["/tissue/state"] == pytest.approx(10 * np.minimum(gaps, 0.2).sum(), abs=4)
     assert counts["/tissue/edits"] == counts["/tissue/topology"] == 1
     assert check(bag).problems == []
     _read_with_rosbags(bag, counts)
@@ -127,10 +129,10 @@ def test_a_session_is_recorded_and_read_by_others(
 
     told = summarise(bag, monitor_file)
     assert told["frames"] == 420
-    assert told["published_hz"] == pytest.approx(419 / seconds, rel=0.02)
+    assert told["published_hz"] == pytest.approx(419 / span(journal), rel=0.02)
     assert told["cuts"][0]["opening_mm"] > 3
     assert told["grabs"][0]["moved_mm"] > 10
-    assert told["pose_to_state_ms"]["poses"] > 210
+    assert told["pose_to_state_ms"]["poses"] > 400
     assert 0 < told["cpu_share"]["bag_node"] < 2
     assert len(told["load_average_before"]) == 3
     assert told["lost_states"] == 0
@@ -264,5 +266,4 @@ def test_a_bag_is_played_as_it_was_recorded(
     recorded = list(read_bag(first, topic))
     played = list(read_bag(second, topic))
     assert [item.data for item in recorded] == [item.data for item in played]
-    # Neither all at once nor much later: a busy machine holds both of them up.
-    assert 0.5 * span(recorded) < span(played) < span(recorded) + 5.0
+    assert span(played) == pytest.approx(span(recorded), abs=0.5)

@@ -229,7 +229,7 @@ def test_replay_moves_the_tools_of_a_bag_again(
     assert played is not None
     assert int(played[1]) == len(recorded)
     # Never early; how late a message may be is the machine's affair.
-    assert recorded[-1].time - 0.01 < float(played[2]) < recorded[-1].time + 5.0
+    assert recorded[-1].time - 0.01 < float(played[2]) < recorded[-1].time + 1.0
 
 
 @pytest.mark.parametrize(
@@ -281,13 +281,12 @@ def test_example_moves_a_tool(
         assert result.returncode == 0, result.stderr
         wait_for(lambda: place_of(seen)[0] == pytest.approx(0.035), 10.0, "the tool")
         places = np.array([sample.pose[:3] for sample in seen.samples("grasper")])
-        # How much of the way is missed before the tool is found is up to the machine.
         way = places[places[:, 0] == 0.035][:, 1]
-        assert len(np.unique(way)) > 25
+        assert np.ptp(way) > 0.008
         assert way.max() == pytest.approx(0.022, abs=2e-4)
         assert not np.allclose(start, places[-1])
         if "dds" in example:
-            assert int(result.stdout.split()[-4]) > 20, result.stdout
+            assert int(result.stdout.split()[-4]) > 60, result.stdout
 
 
 def test_shell_example_names_topics_and_messages_that_exist(
