@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from tissue_interfaces.msg import Command as CommandMsg
 from tissue_interfaces.msg import CutRequest, Journal, Sweep, TissueState, Topology
+from tissue_interfaces.msg import Patch as PatchMsg
 from tissue_interfaces.msg import Tool as ToolMsg
 from tissue_interfaces.msg import ToolSample as ToolSampleMsg
 from tissue_interfaces.msg import TopologyEdit as EditMsg
@@ -22,6 +23,8 @@ from tissue_sim.frame import Command, Cut, FrameInputs, JournalEntry, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.patches import FIRST_ID as FIRST_PATCH
+from tissue_sim.geometry.patches import Patch, Patches
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import SURFACE, Sheet, SheetStiffness
 from tissue_sim.geometry.sheet_rows import NO_ROW, WALL, SheetRows
@@ -38,14 +41,16 @@ _EDIT_IDS = (
     "rewritten_elements", "rewritten_nodes", "removed_elements", "added_elements", "added_nodes",
     "added_parents", "merged_nodes", "merged_into", "returned_nodes", "returned_like",
     "returned_elements", "added_sutures", "suture_nodes", "suture_groups", "removed_sutures",
-    "changed_sutures",
+    "changed_sutures", "born_nodes", "removed_patches",
 )  # fmt: skip
 _EDIT_REALS = (
     "moved_rest", "moved_weights", "suture_lengths", "suture_stiffness", "changed_lengths",
+    "born_rest", "born_tissue",
 )  # fmt: skip
 _OF_SUTURES = ("suture_nodes", "suture_lengths", "suture_stiffness", "suture_groups")
 _EDIT_ITEMS = {"moved_anchors": 4, "rewritten_nodes": 4, "added_nodes": 4, "moved_weights": 4}
-_EDIT_ITEMS |= {"moved_rest": 3, "suture_nodes": 2}
+_EDIT_ITEMS |= {"moved_rest": 3, "suture_nodes": 2, "born_rest": 3}
+_EDIT_KINDS = ("born_kinds",)
 
 
 def header(frame_id: str, stamp: Time) -> Header:
@@ -177,6 +182,8 @@ def mesh_to_topology(mesh: Mesh, epoch: bytes, frame_id: str, stamp: Time) -> To
     fill(message.region_labels, np.array(list(mesh.region_names), dtype=np.int32))
     message.region_names = list(mesh.region_names.values())
     _fill_sutures(message, mesh)
+    message.patches = [patch_to_msg(patch) for patch in mesh.patches]
+    message.next_patch = mesh.patches.next_id
     if mesh.sheet_rows is not None:
         _fill_sheet(message, mesh, mesh.sheet_rows)
     else:
@@ -207,6 +214,43 @@ def _sutures_of(message: Topology) -> Sutures:
         array_of(message.suture_groups, np.uint32).copy(),
         int(message.next_suture) or FIRST_ID,
     )
+
+
+def patch_to_msg(patch: Patch) -> PatchMsg:
+    """A patch as a message."""
+    message = PatchMsg(
+        id=patch.id,
+        label=patch.label,
+        name=patch.name,
+        young_modulus=float(patch.young_modulus),
+        density=float(patch.density),
+        thickness=float(patch.thickness),
+    )
+    message.normal = np.asarray(patch.normal, dtype=np.float64)
+    return message
+
+
+def patch_from_msg(message: PatchMsg) -> Patch:
+    """A patch from a message."""
+    x, y, z = (float(value) for value in message.normal)
+    return Patch(
+        young_modulus=float(message.young_modulus),
+        density=float(message.density),
+        thickness=float(message.thickness),
+        normal=(x, y, z),
+        name=str(message.name),
+        id=int(message.id),
+        label=int(message.label),
+    )
+
+
+def _patches_of(message: Topology) -> Patches:
+    """The patches of a keyframe."""
+    # Bags from before there were patches do not have them.
+    if not hasattr(message, "next_patch"):
+        return Patches()
+    items = tuple(patch_from_msg(patch) for patch in message.patches)
+    return Patches(items, int(message.next_patch) or FIRST_PATCH)
 
 
 def _fill_sheet(message: Topology, mesh: Mesh, sheet: SheetRows) -> None:
@@ -271,6 +315,7 @@ def topology_to_mesh(message: Topology) -> Mesh:
         element_file_ids=element_file_ids,
         sheet=sheet,
         sutures=_sutures_of(message),
+        patches=_patches_of(message),
         name=message.organ,
     )
     mesh = Mesh(raw, (flags & FIXED) > 0)
@@ -280,6 +325,8 @@ def topology_to_mesh(message: Topology) -> Mesh:
     if mesh.sheet_rows is not None:
         if len(alive):
             _place_rows(mesh, message, alive, element_flags & SPRING > 0)
+            labels = array_of(message.element_regions, np.int32)
+            mesh.regions[: len(labels)] = labels
         return mesh
     mesh.element_alive[: len(alive)] = alive
     if not alive.all():
@@ -335,8 +382,9 @@ def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) ->
         request_id=edit.request_id,
     )
     message.epoch = epoch_field(epoch)
-    for name in (*_EDIT_IDS, *_EDIT_REALS):
+    for name in (*_EDIT_IDS, *_EDIT_REALS, *_EDIT_KINDS):
         fill(getattr(message, name), getattr(edit, name))
+    message.added_patches = [patch_to_msg(patch) for patch in edit.added_patches]
     return message
 
 
@@ -347,9 +395,10 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         ValueError: The length of a list does not fit the others.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    for name in (*_EDIT_IDS, *_EDIT_REALS):
-        dtype = np.uint32 if name in _EDIT_IDS else np.float64
-        # Bags from before there were undo or sutures lack some.
+    dtypes: dict[str, type[np.generic]] = dict.fromkeys(_EDIT_IDS, np.uint32)
+    dtypes |= dict.fromkeys(_EDIT_REALS, np.float64) | dict.fromkeys(_EDIT_KINDS, np.uint8)
+    for name, dtype in dtypes.items():
+        # Bags from before there were undo, sutures or patches lack some.
         values = array_of(getattr(message, name, ()), dtype)
         items = _EDIT_ITEMS.get(name)
         if items and values.size % items:
@@ -364,13 +413,15 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         ("returned_nodes", ("returned_like",)),
         ("added_sutures", _OF_SUTURES),
         ("changed_sutures", ("changed_lengths",)),
+        ("born_nodes", ("born_rest",)),
+        ("born_kinds", ("born_tissue",)),
     ):
         for other in others:
             if len(arrays[name]) != len(arrays[other]):
                 raise ValueError(
                     f"{other} has {len(arrays[other])} items, {name} {len(arrays[name])}"
                 )
-    return TopologyEdit(
+    edit = TopologyEdit(
         base_version=int(message.base_version),
         version=int(message.version),
         reverts=int(getattr(message, "reverts", 0)),
@@ -380,6 +431,8 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         request_id=message.request_id,
         **arrays,
     )
+    patches = tuple(map(patch_from_msg, getattr(message, "added_patches", ())))
+    return replace(edit, added_patches=patches)
 
 
 # Journal and cuts

@@ -222,10 +222,15 @@ class Replica:
 def _carried(shape: Shape, change: EditChange) -> Shape:
     """The shape after an edit, as `State.follow` carries the simulation's."""
     old = shape.positions
-    rows = max(len(old), int(change.copied_nodes.max(initial=-1)) + 1)
-    new = np.empty((rows, 3), dtype=old.dtype)
+    born = change.born_nodes
+    made = np.concatenate([change.copied_nodes, born])
+    new = np.empty((max(len(old), int(made.max(initial=-1)) + 1), 3), dtype=old.dtype)
     new[: len(old)] = old
-    new[change.returned_nodes] = old[change.returned_like] + change.returned_offsets
+    # Those without parent come last.
+    back = len(change.returned_nodes) - len(born)
+    returned, like = change.returned_nodes[:back], change.returned_like[:back]
+    new[returned] = old[like] + change.returned_offsets[:back]
+    new[born] = change.edit.born_rest
     if len(change.merged_nodes):
         merge_nodes(change, new)
     if len(change.moved_nodes):

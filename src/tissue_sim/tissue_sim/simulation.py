@@ -344,6 +344,8 @@ class Simulation:
             checked = self.mesh.check(plan)
         if checked.applied.sews and (why := self.model.sewing_refusal()):
             raise EditError(f"model {self.model.name} refuses sutures: {why}")
+        if checked.applied.added_patches and (why := self.model.patch_refusal()):
+            raise EditError(f"model {self.model.name} refuses patches: {why}")
         if why := self.model.refusal(checked.nodes):
             raise EditError(f"model {self.model.name} refuses this edit: {why}")
         change = self.mesh.apply(plan, checked)

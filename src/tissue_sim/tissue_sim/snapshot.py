@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.patches import Patch, Patches, checked_patches
 from tissue_sim.geometry.quality import signed_volumes
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import Sheet, SheetStiffness, checked_sheet
@@ -65,6 +66,7 @@ class Snapshot:
         return Mesh(self.raw, self.fixed)
 
 
+_OF_PATCH = ("young_modulus", "density", "thickness")
 _NO_WALLS = np.empty((0, 3), dtype=np.int32)
 
 
@@ -91,17 +93,22 @@ def take(mesh: Mesh, displacement: NDArray[np.floating]) -> Snapshot:
     """
     nodes = np.flatnonzero(mesh.node_alive[: mesh.node_rows])
     elements = np.flatnonzero(mesh.element_alive[: mesh.element_rows])
-    elements = elements[:0] if mesh.sheet_rows is not None else elements
+    labels = mesh.regions[elements]
+    if mesh.sheet_rows is not None:
+        alive = mesh.element_alive[: mesh.element_rows]
+        labels = mesh.regions[np.concatenate(mesh.sheet_rows.order(alive))]
+        elements = elements[:0]
     row = np.full(mesh.node_rows, -1, dtype=np.int64)
     row[nodes] = np.arange(len(nodes))
     raw = RawMesh(
         points=mesh.rest[nodes],
         tetrahedra=row[mesh.tets[elements]],
-        regions=mesh.regions[elements],
+        regions=labels,
         region_names=dict(mesh.region_names),
         fibres=mesh.fibres[elements],
         sheet=_renumbered(mesh.sheet, row),
         sutures=mesh.sutures.renumbered(row),
+        patches=mesh.patches,
         node_file_ids=mesh.node_file_ids[nodes],
         element_file_ids=mesh.element_file_ids[elements],
         name=mesh.name,
@@ -136,7 +143,7 @@ def save(snapshot: Snapshot, folder: Path, name: str) -> Path:
     }
     if raw.sheet is not None:
         values |= _sheet_arrays(raw.sheet)
-    values |= _suture_arrays(raw.sutures)
+    values |= _suture_arrays(raw.sutures) | _patch_arrays(raw.patches)
     temporary = ""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -202,6 +209,39 @@ def _suture_arrays(sutures: Sutures) -> dict[str, NDArray[Any]]:
     }
 
 
+def _patch_arrays(patches: Patches) -> dict[str, NDArray[Any]]:
+    numbers = [[getattr(item, name) for name in _OF_PATCH] + [*item.normal] for item in patches]
+    return {
+        "patch_ids": patches.ids,
+        "patch_labels": patches.labels,
+        "patch_names": np.array([item.name for item in patches], dtype=np.str_),
+        "patch_numbers": np.array(numbers, dtype=np.float64).reshape(-1, len(_OF_PATCH) + 3),
+        "patch_next": np.array(patches.next_id),
+    }
+
+
+def _checked_patches(path: Path, values: Mapping[str, NDArray[Any]]) -> Patches:
+    if "patch_ids" not in values:
+        return Patches()  # Saved before there were any.
+    try:
+        count = len(values["patch_ids"])
+        columns = zip(
+            values["patch_numbers"].astype(np.float64).reshape(count, len(_OF_PATCH) + 3).tolist(),
+            values["patch_names"].reshape(count).tolist(),
+            values["patch_ids"].astype(np.int64).reshape(count).tolist(),
+            values["patch_labels"].astype(np.int64).reshape(count).tolist(),
+            strict=True,
+        )
+        items = tuple(
+            Patch(E, density, thickness, (x, y, z), str(name), patch_id, label)
+            for (E, density, thickness, x, y, z), name, patch_id, label in columns
+        )
+        patches = Patches(items, int(values["patch_next"].item()))
+        return checked_patches(patches, values["region_labels"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise SnapshotError(f"{path} is damaged: its patches: {error}") from error
+
+
 def _checked_sutures(path: Path, values: Mapping[str, NDArray[Any]]) -> Sutures:
     if "suture_ids" not in values:
         return Sutures()  # Saved before there were any.
@@ -261,8 +301,8 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     tets = values["tetrahedra"].astype(np.int64)
     shapes = {
         "points": (nodes, 3), "displacement": (nodes, 3), "fixed": (nodes,),
-        "node_file_ids": (nodes,), "tetrahedra": (elements, 4), "regions": (elements,),
-        "fibres": (elements, 3), "element_file_ids": (elements,),
+        "node_file_ids": (nodes,), "tetrahedra": (elements, 4), "fibres": (elements, 3),
+        "element_file_ids": (elements,),
         "region_names": values["region_labels"].shape,
     }  # fmt: skip
     for key, shape in shapes.items():
@@ -274,6 +314,12 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
     finite = all(np.isfinite(values[key]).all() for key in ("points", "displacement", "fibres"))
     if not finite or not (signed_volumes(values["points"], tets.astype(np.int32)) > 0).all():
         raise SnapshotError(f"{path} is damaged: it is not finite or an element is inverted")
+    items = (
+        elements if sheet is None else sum(map(len, (sheet.triangles, sheet.springs, sheet.walls)))
+    )
+    # Sheets had none before there were patches.
+    if len(values["regions"]) not in ((items,) if sheet is None else (0, items)):
+        raise SnapshotError(f"{path} is damaged: regions has shape {values['regions'].shape}")
     labels = values["region_labels"].tolist()
     raw = RawMesh(
         points=values["points"].astype(np.float64),
@@ -282,6 +328,7 @@ def _checked(path: Path, values: Mapping[str, NDArray[Any]]) -> Snapshot:
         fibres=values["fibres"].astype(np.float32),
         sheet=sheet,
         sutures=_checked_sutures(path, values),
+        patches=_checked_patches(path, values),
         region_names=dict(zip(labels, map(str, values["region_names"]), strict=True)),
         node_file_ids=values["node_file_ids"].astype(np.int64),
         element_file_ids=values["element_file_ids"].astype(np.int64),

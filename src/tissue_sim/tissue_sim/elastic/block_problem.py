@@ -115,6 +115,8 @@ class BlockProblem:
             self.awake = _longer(self.awake, extra)
         self.last_move[change.copied_nodes] = self.last_move[change.copy_parents]
         self._seen[change.copied_nodes] = self._seen[change.copy_parents]
+        # Rows that a redo fills again remember what was there before.
+        self.last_move[change.born_nodes] = self._seen[change.born_nodes] = 0.0
         self.awake[change.nodes] = True
         self._fill(change.nodes)
 

@@ -63,8 +63,10 @@ class DirectSolver:
 
     def follow(self, change: EditChange) -> str:
         """Why there are no factors any more, after an edit."""
+        what = "patch" if len(change.born_nodes) else "cut"
         return (
-            "the factorised matrix is that of the organ before the cut; conjugate gradients go on"
+            f"the factorised matrix is that of the organ before the {what}; "
+            "conjugate gradients go on"
         )
 
     def refusal(self, nodes: NDArray[np.int32]) -> str:

@@ -151,6 +151,12 @@ class FiniteElement(MeshModel):
         """A region of interest refuses stitches; direct factors end with the first of them."""
         return self._why_not_sewn() if self.values["interest_radius"] else ""
 
+    def patch_refusal(self) -> str:
+        """A region of interest refuses patches; direct factors end with the first of them."""
+        if not self.values["interest_radius"]:
+            return ""
+        return "interest_radius knows no patches: outside of the region all is precomputed"
+
     @property
     def idle(self) -> bool:
         """Whether everything is solved for the present pose."""

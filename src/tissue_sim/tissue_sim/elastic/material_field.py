@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.model import Material, RegionMaterial
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.patches import MOST_PATCHES, Patches
 from tissue_sim.geometry.regions import RegionError, label_of
 from tissue_sim.kernels.matter import Matter
 
-MOST_REGIONS = 255
-"""Regions with a material of their own."""
+MOST_REGIONS = 255 - MOST_PATCHES
+"""Regions with a material of their own, patches not counted."""
 
 
 class MaterialError(ValueError):
@@ -29,6 +30,7 @@ class MaterialField:
     """The material of each element: that of its region, or the tissue's own.
 
     An element made by an edit is of the region, and has the fibres, of the one it descends from.
+    Those of a patch are of what the patch is made of, with the tissue's own ratio and no fibres.
 
     Attributes:
         one_modulus: Whether Young's modulus is the same everywhere.
@@ -43,7 +45,7 @@ class MaterialField:
         Raises:
             MaterialError: The mesh lacks a region, or has no fibres where they are stiff.
         """
-        self._mesh, parts = mesh, material.parts
+        self._mesh, self._material = mesh, material
         if len(material.regions) > MOST_REGIONS:
             raise MaterialError(
                 f"{len(material.regions)} regions have a material of their own; "
@@ -51,12 +53,21 @@ class MaterialField:
             )
         try:
             labels = mesh.regions[: mesh.element_rows]
-            wanted = [label_of(part.region, labels, mesh.region_names) for part in parts[1:]]
+            parts = material.parts[1:]
+            self._wanted = [label_of(part.region, labels, mesh.region_names) for part in parts]
         except RegionError as error:
             raise MaterialError(str(error)) from None
-        self._kind_of = {label: kind for kind, label in enumerate(wanted, start=1)}
+        self._tabulate()
         self._kind = np.zeros(mesh.element_capacity, dtype=np.uint8)
         self._find(slice(0, mesh.element_rows))
+        self.fibrous = self._find_fibres()
+
+    def _tabulate(self) -> None:
+        """List what there is: the tissue everywhere else, regions, patches."""
+        material, self._patches = self._material, self._mesh.patches
+        parts = (*material.parts, *_made_of(self._patches, material))
+        labels = [*self._wanted, *self._patches.labels.tolist()]
+        self._kind_of = {label: kind for kind, label in enumerate(labels, start=1)}
         self._table = np.array([[*lame_constants(p), p.fibre_stiffness] for p in parts])
         self._stiffness = np.array([p.young_modulus / material.young_modulus for p in parts])
         self._density = np.array([p.density / material.density for p in parts])
@@ -64,7 +75,6 @@ class MaterialField:
         self.one_ratio = all(ratio == ratios[0] for ratio in ratios)
         self.one_modulus = bool((self._stiffness == 1.0).all())
         self.one_density = bool((self._density == 1.0).all())
-        self.fibrous = self._find_fibres()
 
     def _find_fibres(self) -> bool:
         """Whether there are fibres of some stiffness."""
@@ -106,4 +116,14 @@ class MaterialField:
         short = self._mesh.element_capacity - len(self._kind)
         if short > 0:
             self._kind = np.concatenate([self._kind, np.zeros(short, dtype=np.uint8)])
+        if self._mesh.patches is not self._patches:
+            # An undo takes out the newest: the kinds of all others stay.
+            self._tabulate()
         self._find(change.elements)
+
+
+def _made_of(patches: Patches, tissue: Material) -> list[RegionMaterial]:
+    return [
+        RegionMaterial(patch.name, patch.young_modulus, tissue.poisson_ratio, patch.density)
+        for patch in patches
+    ]

@@ -98,6 +98,10 @@ class MeshModel(ABC):
         """Why an edit that makes or changes sutures is not possible; "" if it is; see `Model`."""
         return ""
 
+    def patch_refusal(self) -> str:
+        """Why an edit that adds a patch is not possible; "" if it is; see `Model`."""
+        return ""
+
     @abstractmethod
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; see `Model`."""

@@ -137,7 +137,7 @@ class State:
         as they were; any other copy starts where its parent is. Both go for the current and the
         previous position, so that no force jumps and no velocity appears. Before that, nodes that
         vanish into another leave it at the mean of its places and theirs, and a node that comes
-        back is displaced like another one near it.
+        back is displaced like another one near it; one without parent is where it is at rest.
         """
         capacity, old_capacity = mesh.node_capacity, len(self.displacement)
         if capacity > old_capacity:
@@ -147,6 +147,7 @@ class State:
             self.prescribed = np.pad(self.prescribed, more[0])
         for array in (self.displacement, self.previous, self.prescribed):
             array[change.returned_nodes] = array[change.returned_like]
+            array[change.born_nodes] = 0
         if len(change.merged_nodes):
             merge_nodes(change, self.displacement)
             merge_nodes(change, self.previous)
@@ -252,6 +253,9 @@ class Model(Protocol):
 
     def sewing_refusal(self) -> str:
         """Why an edit that makes or changes sutures is not possible; "" if it is."""
+
+    def patch_refusal(self) -> str:
+        """Why an edit that adds a patch is not possible; "" if it is."""
 
     def topology_changed(self, change: EditChange, state: State) -> None:
         """The mesh applied an edit and the state followed; follow in time proportional to it."""

@@ -147,6 +147,7 @@ class Responses:
             self._old_count = self.used
         old = self._old[: self._old_count]
         old[:, change.copied_nodes] = old[:, change.copy_parents]
+        old[:, change.born_nodes] = 0.0
         self.restart_at(state)
 
     def follow_motion(self, state: State, rows: int) -> float:

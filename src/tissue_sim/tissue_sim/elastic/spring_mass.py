@@ -202,9 +202,11 @@ class SpringMass(SpringModel):
             self.events.append(news)
         self._stiffness[change.nodes] = self.internal.stiffness(change.nodes)
         self._weigh(change.nodes)
-        if change.edit.sews and self.springs.stitches:
+        sewn = change.edit.sews and len(self.springs.stitches) > 0
+        if sewn or len(change.born_nodes):
+            which = "sewn ones" if sewn else "those of a patch"
             self.events.append(
-                f"spring_mass: {1e3 * self.added_mass():.3g} g are added to nodes, sewn ones among "
+                f"spring_mass: {1e3 * self.added_mass():.3g} g are added to nodes, {which} among "
                 f"them, to be stable with steps of {1e6 * self._step_time:.3g} us"
             )
 

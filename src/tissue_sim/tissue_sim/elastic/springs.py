@@ -87,10 +87,7 @@ class SpringNetwork:
         self._volumes = np.zeros(mesh.element_capacity)
         # Volumes, scaled where an element is not made of the tissue's own material.
         self._stiff = self._heavy = self._volumes
-        if not self.field.one_modulus:
-            self._stiff = self._volumes.copy()
-        if not self.field.one_density or mesh.sheet_rows is not None:
-            self._heavy = self._volumes.copy()
+        self._separate()
         self._measure(np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32))
         self._scratch = _scratch(mesh.node_capacity)
         self._buried: dict[int, NDArray[np.int32]] = {}
@@ -103,7 +100,7 @@ class SpringNetwork:
         self.stitches = Stitches(mesh)
         self._list_stitches()
         self._expose()
-        self.torsion = TorsionSprings.of(mesh, material, dtype)
+        self.torsion = TorsionSprings.of(mesh, material, dtype, self.field)
         if self.torsion is not None:
             self.torsion.measure(self._rest)
         self.last_change = SpringChange(self.version, _no_rows(), np.empty(0, dtype=np.int8))
@@ -152,6 +149,7 @@ class SpringNetwork:
             )
         self._grow_nodes()
         self.field.follow(change)
+        self._separate()
         self._rest[change.nodes] = self.mesh.rest[change.nodes] - self._origin
         self._measure(change.elements)
         self._measure(change.neighbours)
@@ -237,24 +235,34 @@ class SpringNetwork:
     def _stiff_elements(self) -> networks.Elements:
         return self.elements._replace(volumes=self._stiff)
 
+    def _separate(self) -> None:
+        """Keep scaled volumes from where on there is more than one material; none are merged."""
+        if self._stiff is self._volumes and not self.field.one_modulus:
+            self._stiff = self._volumes.copy()
+        many = not self.field.one_density or self.mesh.sheet_rows is not None
+        if self._heavy is self._volumes and many:
+            self._heavy = self._volumes.copy()
+
     def _measure(self, elements: NDArray[np.int32]) -> None:
         short = self.mesh.element_capacity - len(self._volumes)
         if short > 0:
-            self._volumes = np.concatenate([self._volumes, np.zeros(short)])
-            one = self.field.one_modulus
-            light = self.field.one_density and self.mesh.sheet_rows is None
-            self._stiff = self._volumes if one else _padded(self._stiff, len(self._volumes))
-            self._heavy = self._volumes if light else _padded(self._heavy, len(self._volumes))
-        sheet = self.mesh.sheet_rows
-        if sheet is not None:
+            longer = np.concatenate([self._volumes, np.zeros(short)])
+            one, light = self._stiff is self._volumes, self._heavy is self._volumes
+            self._stiff = longer if one else _padded(self._stiff, len(longer))
+            self._heavy = longer if light else _padded(self._heavy, len(longer))
+            self._volumes = longer
+        sheet, field = self.mesh.sheet_rows, self.field
+        if sheet is None:
+            networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
+            heavy = self._volumes[elements]
+        else:
             stiff, heavy = sheet.volumes(elements, self.mesh.rest, self.mesh.tets)
-            self._volumes[elements], self._heavy[elements] = stiff, heavy
-            return
-        networks.measure_volumes(elements, self.mesh.rest, self.mesh.tets, self._volumes)
-        if not self.field.one_modulus:
-            self._stiff[elements] = self._volumes[elements] * self.field.stiffness_of(elements)
-        if not self.field.one_density:
-            self._heavy[elements] = self._volumes[elements] * self.field.density_of(elements)
+            self._volumes[elements] = stiff
+        # Where there is one material only, a scale of 1 changes nothing.
+        if self._stiff is not self._volumes:
+            self._stiff[elements] = self._volumes[elements] * field.stiffness_of(elements)
+        if self._heavy is not self._volumes:
+            self._heavy[elements] = heavy * field.density_of(elements)
 
     def _build_rows(self) -> tuple[networks.Springs, int]:
         mesh = self.mesh

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.curvature_springs import hinges_and_triangles
 from tissue_sim.geometry.edit import EditChange
@@ -40,12 +41,18 @@ class TorsionSprings:
     """
 
     def __init__(
-        self, mesh: Mesh, material: Material, factor: float, dtype: type[np.floating]
+        self,
+        mesh: Mesh,
+        material: Material,
+        factor: float,
+        dtype: type[np.floating],
+        field: MaterialField | None = None,
     ) -> None:
-        """Measure the mesh at rest."""
+        """Measure the mesh at rest; the material of each triangle is that of `field`."""
         if mesh.sheet is None:
             raise ValueError(f"{mesh.name} has no triangles to keep the angles of")
         self._mesh, self._dtype = mesh, dtype
+        self._field = field if field is not None else MaterialField(mesh, material)
         self._rigidity = factor * material.young_modulus / (12.0 * (1 - material.poisson_ratio**2))
         self.last_move = np.zeros((mesh.node_capacity, 3), dtype=dtype)
         solid = np.flatnonzero(mesh.element_alive[: mesh.element_rows]).astype(np.int32)
@@ -59,11 +66,17 @@ class TorsionSprings:
         self._expose()
 
     @classmethod
-    def of(cls, mesh: Mesh, material: Material, dtype: type[np.floating]) -> TorsionSprings | None:
+    def of(
+        cls,
+        mesh: Mesh,
+        material: Material,
+        dtype: type[np.floating],
+        field: MaterialField | None = None,
+    ) -> TorsionSprings | None:
         """The torsion springs of a mesh; None where there are none."""
         if mesh.sheet is None or not mesh.sheet.stiffness.torsion:
             return None
-        return cls(mesh, material, mesh.sheet.stiffness.torsion, dtype)
+        return cls(mesh, material, mesh.sheet.stiffness.torsion, dtype, field)
 
     def _solid(self, elements: Rows) -> Rows:
         """Those of some elements that are triangles of tissue."""
@@ -78,7 +91,9 @@ class TorsionSprings:
         thickness = tissue[triangles[pair]].mean(axis=1)
         doubled = np.stack([np.linalg.norm(n, axis=1) for n in _normals(rest, nodes)], axis=1)
         squared = ((rest[nodes[:, 1]] - rest[nodes[:, 0]]) ** 2).sum(axis=1)
-        stiffness = self._rigidity * thickness**3 * squared / (0.5 * doubled.sum(axis=1))
+        # Patches have an edge of their own: both triangles are of one material.
+        rigidity = self._rigidity * self._field.stiffness_of(triangles[pair[:, 0]])
+        stiffness = rigidity * thickness**3 * squared / (0.5 * doubled.sum(axis=1))
         return nodes, stiffness, doubled
 
     def _expose(self) -> None:

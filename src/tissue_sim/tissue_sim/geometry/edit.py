@@ -11,11 +11,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.geometry import patches
+from tissue_sim.geometry.incidence import among
+from tissue_sim.geometry.patches import Patch
 from tissue_sim.geometry.sutures import Sutures, why_not
 
 PROVISIONAL = 1 << 31
 """First provisional id."""
 
+NO_PARENT = 0xFFFFFFFF
+"""Parent of an element that an edit makes of nothing."""
+
+PATCH = "patch"
+"""Kind of edits that add a patch."""
 
 UNDO, REDO = "undo", "redo"
 """Kinds of edits that take an edit back, and make it again."""
@@ -64,7 +72,8 @@ class TopologyEdit:
         removed_elements: Ids, shape (d,).
         added_elements: Ids of new elements, shape (a,).
         added_nodes: Their node ids, shape (a, 4).
-        added_parents: Ids of the elements they descend from, shape (a,).
+        added_parents: Ids of the elements they descend from, shape (a,); `NO_PARENT` for those of
+            the patch that the edit adds, which have nodes of `born_nodes` only.
         merged_nodes: Ids of nodes that vanish into others, shape (v,). Only an undo has some.
         merged_into: Ids of the nodes they vanish into, shape (v,): each of these takes the mean of
             its own place and those of the nodes that vanish into it.
@@ -80,6 +89,17 @@ class TopologyEdit:
         removed_sutures: Ids of sutures that are taken out, shape (o,).
         changed_sutures: Ids of sutures that get another rest length, shape (l,).
         changed_lengths: Those rest lengths [m], shape (l,).
+        born_nodes: Ids of new nodes that copy none, shape (n,). In a plan they count on after those
+            of `copied_nodes`. They start where they are at rest, at rest and not fixed.
+        born_rest: Their rest positions [m], shape (n, 3).
+        born_kinds: Of a sheet, what each added element without parent is, in the order of
+            `added_elements`: `sheet.SURFACE` for a triangle, else the category of a spring, shape
+            (k,). Empty for tetrahedra.
+        born_tissue: Likewise the thickness of a triangle [m] or the volume of a spring's tissue
+            [m^3], shape (k,).
+        added_patches: The patch that those nodes and elements are, or none: at most one.
+        removed_patches: Ids of patches that vanish. Only an undo has some.
+        held_by: Tool that holds the nodes of `born_nodes` from the frame they appear in; "": none.
         reverts: Version of the edit that an undo takes back, or of the undo that a redo takes back.
         version: Version the edit made; 0 while it is only a plan.
         author: Client id of the request.
@@ -116,6 +136,13 @@ class TopologyEdit:
     removed_sutures: NDArray[np.uint32] = field(default_factory=_ids)
     changed_sutures: NDArray[np.uint32] = field(default_factory=_ids)
     changed_lengths: NDArray[np.float64] = field(default_factory=_reals)
+    born_nodes: NDArray[np.uint32] = field(default_factory=_ids)
+    born_rest: NDArray[np.float64] = field(default_factory=lambda: _reals(3))
+    born_kinds: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, dtype=np.uint8))
+    born_tissue: NDArray[np.float64] = field(default_factory=_reals)
+    added_patches: tuple[Patch, ...] = ()
+    removed_patches: NDArray[np.uint32] = field(default_factory=_ids)
+    held_by: str = ""
     reverts: int = 0
     version: int = 0
     author: str = ""
@@ -125,7 +152,7 @@ class TopologyEdit:
     def from_history(self) -> bool:
         """Whether it brings things back, which only the history of a mesh can plan."""
         back = len(self.merged_nodes) + len(self.returned_nodes) + len(self.returned_elements)
-        return self.kind in (UNDO, REDO) or back > 0
+        return self.kind in (UNDO, REDO) or back > 0 or len(self.removed_patches) > 0
 
     @property
     def sews(self) -> bool:
@@ -149,6 +176,8 @@ _SHAPES = (
     ("added_sutures", "suture_stiffness", 0),
     ("added_sutures", "suture_groups", 0),
     ("changed_sutures", "changed_lengths", 0),
+    ("born_nodes", "born_rest", 3),
+    ("born_kinds", "born_tissue", 0),
 )
 
 
@@ -174,6 +203,25 @@ def refuse_malformed(edit: TopologyEdit) -> None:
         raise EditError("a node is moved twice in one edit")
     lengths = np.concatenate([edit.suture_lengths, edit.changed_lengths])
     if why := why_not(lengths, edit.suture_stiffness):
+        raise EditError(why)
+    _refuse_malformed_patch(edit)
+
+
+def _refuse_malformed_patch(edit: TopologyEdit) -> None:
+    born = int((np.asarray(edit.added_parents) == NO_PARENT).sum())
+    if len(edit.added_patches) > 1:
+        raise EditError(f"the edit adds {len(edit.added_patches)} patches; allowed: one at most")
+    if not edit.added_patches and (born or len(edit.born_nodes) or len(edit.born_kinds)):
+        raise EditError("nodes and elements without parent need a patch that they are of")
+    if not edit.added_patches:
+        return
+    if not born or not len(edit.born_nodes):
+        raise EditError("a patch needs nodes and elements without parent")
+    if not np.isfinite(edit.born_rest).all():
+        raise EditError("the place of a node without parent is not finite")
+    if len(edit.born_kinds) not in (0, born):
+        raise EditError(f"born_kinds has {len(edit.born_kinds)} items; allowed: 0, or {born}")
+    if why := patches.why_not(edit.added_patches[0]):
         raise EditError(why)
 
 
@@ -201,13 +249,16 @@ class EditChange:
         vanished_nodes: Sorted rows of the nodes that are no more, shape (v,).
         merged_nodes: Rows of those that vanished into others, shape (m,).
         merged_into: Rows of the nodes they vanished into, shape (m,).
-        returned_nodes: Rows of nodes that are back, but for copies, shape (b,).
+        returned_nodes: Rows of nodes that are back, but for copies; and of nodes without parent,
+            which come as if they were back, shape (b,).
         returned_like: Rows of the nodes they are displaced like, shape (b,).
         returned_offsets: Their rest positions minus those of the nodes they are displaced like,
             both before the edit [m], shape (b, 3).
         lost_sutures: Sutures that were there before, those removed and those whose nodes vanished.
         released: Ids of the latter, shape (r,).
         old_lengths: Rest lengths [m] of the sutures changed before the edit, shape (l,).
+        born_nodes: Rows of the nodes without parent, those that a redo makes again included: they
+            are where they are at rest, shape (n,).
     """
 
     edit: TopologyEdit
@@ -231,8 +282,9 @@ class EditChange:
     lost_sutures: Sutures = field(default_factory=Sutures)
     released: NDArray[np.uint32] = field(default_factory=_ids)
     old_lengths: NDArray[np.float64] = field(default_factory=_reals)
+    born_nodes: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, dtype=np.int32))
 
     @property
     def stays(self) -> NDArray[np.bool_]:
         """Copies that start where their parents are; others are among the moved, shape (c,)."""
-        return np.isin(self.copied_nodes, self.moved_nodes, invert=True)
+        return ~among(self.copied_nodes, self.moved_nodes)

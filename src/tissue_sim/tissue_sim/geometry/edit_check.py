@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.edit import (
+    NO_PARENT,
     PROVISIONAL,
     REDO,
     UNDO,
@@ -20,8 +21,14 @@ from tissue_sim.geometry.edit import (
 )
 from tissue_sim.geometry.incidence import among, sorted_unique
 from tissue_sim.geometry.look_up import any_changed
+from tissue_sim.geometry.patch_edit import Patching, patching_of, refuse_bad_patch
 from tissue_sim.geometry.quality import count_flat
-from tissue_sim.geometry.sheet_edit import count_without_size, item_nodes, refuse_bad_items
+from tissue_sim.geometry.sheet_edit import (
+    count_without_size,
+    item_nodes,
+    refuse_bad_items,
+    refuse_bad_sheet,
+)
 from tissue_sim.geometry.suture_edit import Stitching, stitching_of
 
 if TYPE_CHECKING:
@@ -41,10 +48,11 @@ class CheckedEdit:
         version: Version of the mesh it was checked on.
         applied: The edit with permanent ids and the version it will make.
         moved_nodes, moved_anchors, copied_nodes, copy_parents, removed, added, added_parents,
-            merged_nodes, merged_into, returned_nodes, returned_like, returned_elements: Rows of
-            what the edit names.
+            merged_nodes, merged_into, returned_nodes, returned_like, returned_elements, born_nodes:
+            Rows of what the edit names; -1 among the parents for elements of a new patch.
         elements, old_elements, new_elements, neighbours, nodes: As in `EditChange`.
         stitching: What it does to the sutures.
+        patching: What it does to the patches.
     """
 
     edit: TopologyEdit
@@ -68,6 +76,8 @@ class CheckedEdit:
     returned_like: Rows
     returned_elements: Rows
     stitching: Stitching
+    born_nodes: Rows
+    patching: Patching
 
 
 def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
@@ -75,7 +85,9 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     refuse_malformed(edit)
     _refuse_stale(mesh, edit)
     again = edit.kind == REDO
-    nodes = _Names(edit.copied_nodes, mesh.node_rows, mesh.node_alive, "node", again)
+    made = np.concatenate([edit.copied_nodes, edit.born_nodes])
+    nodes = _Names(made, mesh.node_rows, mesh.node_alive, "node", again)
+    copies, born = nodes.rows[: len(edit.copied_nodes)], nodes.rows[len(edit.copied_nodes) :]
     added = _Names(edit.added_elements, mesh.element_rows, mesh.element_alive, "element", again)
     back = _returning(edit.returned_nodes, mesh.node_rows, mesh.node_alive, "node")
     elements_back = _returning(
@@ -102,7 +114,7 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     parents = _known(edit.copy_parents, mesh.node_rows_of, "parent node")
     rewritten = _known(edit.rewritten_elements, mesh.element_rows_of, "rewritten element")
     removed = _known(edit.removed_elements, mesh.element_rows_of, "removed element")
-    born_of = _known(edit.added_parents, mesh.element_rows_of, "parent element")
+    born_of = _parents(mesh, edit.added_parents)
     merged = _known(edit.merged_nodes, mesh.node_rows_of, "merged node")
     into = _known(edit.merged_into, old_or_back, "node to merge into")
     like = _known(edit.returned_like, old_or_back, "node to be displaced like")
@@ -113,6 +125,9 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     rewritten_to = _corners(mesh, edit.rewritten_nodes, nodes_of)
     added_to = _corners(mesh, edit.added_nodes, nodes_of)
     back_to = _corners(mesh, mesh.tets[elements_back], lambda ids: _known(ids, old_or_back, "node"))
+    refuse_bad_patch(edit, born, added_to)
+    if among(moved, born).any():
+        raise EditError("a node without parent is moved by the edit that makes it")
     # A new node with a place of its own belongs to no element yet, and may be fixed.
     shifted = moved[~among(moved, nodes.rows)]
     _refuse_fixed(mesh, shifted)
@@ -126,11 +141,16 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
     named = new[new[:, 0] != NO_ROW]
     _refuse_loose(np.concatenate([nodes.rows, back]), named)
     if mesh.sheet_rows is not None:
-        refuse_bad_items(mesh, (rewritten, rewritten_to), (born_of, added_to), removed, nodes.rows)
+        refuse_bad_items(mesh, (rewritten, rewritten_to), (born_of, added_to), removed, copies)
+        refuse_bad_sheet(edit, added_to[born_of == NO_ROW])
+    elif len(edit.born_kinds):
+        raise EditError("born_kinds is for sheets, and the tissue is made of tetrahedra")
     _refuse_half_merged(mesh, merged, into, elements, named)
     neighbours = mesh.incident.of_all(np.concatenate([shifted, into]))
     around = mesh.tets[neighbours[~among(neighbours, elements)]]
-    _refuse_flat(mesh, moved, edit.moved_rest, nodes.rows, parents, np.concatenate([around, named]))
+    places = (np.concatenate([moved, born]), np.concatenate([edit.moved_rest, edit.born_rest]))
+    _refuse_flat(mesh, *places, copies, parents, np.concatenate([around, named]))
+    patching = patching_of(mesh, edit, again)
     stitching = stitching_of(mesh.sutures, edit, again or edit.kind == UNDO, nodes_of)
     touched = np.concatenate(
         [old.ravel(), new.ravel(), around.ravel(), moved, stitching.nodes.ravel()]
@@ -139,19 +159,29 @@ def check_edit(mesh: Mesh, edit: TopologyEdit) -> CheckedEdit:
         edit,
         version=mesh.version + 1,
         moved_nodes=moved.astype(np.uint32),
-        copied_nodes=nodes.rows.astype(np.uint32),
+        copied_nodes=copies.astype(np.uint32),
+        born_nodes=born.astype(np.uint32),
         rewritten_nodes=rewritten_to.astype(np.uint32),
         added_elements=added.rows.astype(np.uint32),
         added_nodes=added_to.astype(np.uint32),
         added_sutures=stitching.added.ids,
         suture_nodes=stitching.added.nodes.astype(np.uint32),
         suture_groups=stitching.added.groups,
+        added_patches=() if patching.added is None else (patching.added,),
     )
     return CheckedEdit(
-        edit, mesh.version, applied, moved, anchors, nodes.rows, parents, removed, added.rows,
+        edit, mesh.version, applied, moved, anchors, copies, parents, removed, added.rows,
         born_of, elements, old, new, neighbours, sorted_unique(touched[touched != NO_ROW]),
-        merged, into, back, like, elements_back, stitching,
+        merged, into, back, like, elements_back, stitching, born, patching,
     )  # fmt: skip
+
+
+def _parents(mesh: Mesh, ids: NDArray[np.uint32]) -> Rows:
+    """Rows of the elements that new ones descend from; -1 for those of a new patch."""
+    rows = np.full(len(ids), NO_ROW, dtype=np.int32)
+    descends = np.asarray(ids) != NO_PARENT
+    rows[descends] = _known(ids[descends], mesh.element_rows_of, "parent element")
+    return rows
 
 
 def _corners(
@@ -250,7 +280,7 @@ def _refuse_loose(new: Rows, named: Rows) -> None:
     """Refuse new nodes that no element has."""
     loose = ~among(new, named.ravel())
     if loose.any():
-        raise EditError(f"{int(loose.sum())} copied nodes would belong to no element")
+        raise EditError(f"{int(loose.sum())} new nodes would belong to no element")
 
 
 def _refuse_half_merged(mesh: Mesh, merged: Rows, into: Rows, elements: Rows, named: Rows) -> None:
@@ -274,8 +304,11 @@ def _refuse_flat(
     parents: Rows,
     tets: Rows,
 ) -> None:
-    """Refuse elements without volume, the nodes being where the edit puts them."""
-    place_of = np.full(mesh.node_rows + len(copies), NO_ROW, dtype=np.int32)
+    """Refuse elements without volume, the nodes being where the edit puts them.
+
+    `moved` are those without parent as well.
+    """
+    place_of = np.full(mesh.node_rows + len(copies) + len(moved), NO_ROW, dtype=np.int32)
     place_of[moved] = np.arange(len(moved))
     place_of[copies] = np.arange(len(moved), len(moved) + len(copies))
     places = np.concatenate([moved_rest, mesh.rest[parents]])

@@ -134,6 +134,7 @@ class EditHistory:
             removed_sutures=edit.added_sutures,
             changed_sutures=edit.changed_sutures,
             changed_lengths=step.old_lengths,
+            removed_patches=np.array([patch.id for patch in edit.added_patches], dtype=np.uint32),
             reverts=step.made,
             author=author,
             request_id=request_id,

@@ -12,6 +12,7 @@ from tissue_sim.geometry.edit import EditChange, TopologyEdit
 from tissue_sim.geometry.edit_check import NO_ROW, CheckedEdit, check_edit
 from tissue_sim.geometry.incidence import Incidence, sorted_unique
 from tissue_sim.geometry.look_up import living_rows
+from tissue_sim.geometry.patch_edit import Patching
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import Sheet
 from tissue_sim.geometry.sheet_rows import SheetRows
@@ -50,6 +51,7 @@ class Mesh:
         incident: Element rows at each node row.
         sheet_rows: What the elements of a sheet are; None: tetrahedra.
         sutures: Stitches between nodes.
+        patches: Soft sheets that edits have added.
         version: Grows with every edit; 1 when built.
         changes: What the last edits touched, the newest last: for those who keep figures of the
             mesh and follow it from time to time.
@@ -75,7 +77,7 @@ class Mesh:
         element_capacity = int(elements * (1 + spare)) + 1024
         self.name, self.source = raw.name, raw.source
         self.region_names = dict(raw.region_names)
-        self.sutures = raw.sutures
+        self.sutures, self.patches = raw.sutures, raw.patches
         self.version = 1
         self.changes: deque[EditChange] = deque(maxlen=CHANGES_KEPT)
         self.node_rows, self.element_rows = nodes, elements
@@ -206,20 +208,25 @@ class Mesh:
         if checked is None or checked.edit is not edit or checked.version != self.version:
             checked = self.check(edit)
         copies, parents, moved = checked.copied_nodes, checked.copy_parents, checked.moved_nodes
-        back, like = checked.returned_nodes, checked.returned_like
-        self._reserve(copies, checked.added)
+        back, like, born = checked.returned_nodes, checked.returned_like, checked.born_nodes
+        self._reserve(np.concatenate([copies, born]), checked.added)
         old_moved_rest, offsets = self.rest[moved], self.rest[back] - self.rest[like]
+        self.rest[born] = edit.born_rest
         self.rest[moved] = edit.moved_rest
         self.rest[copies] = self.rest[parents]
         self.rest[moved] = edit.moved_rest  # copies too that do not stay with their parents
         self.version += 1
         self._enter_nodes(copies, parents, back)
+        self._enter_born(born)
+        self._take_patches(checked.patching)
         self._enter_elements(checked)
         elements, old, new = checked.elements, checked.old_elements, checked.new_elements
         self._rewire(elements, old, new)
         if self.sheet_rows is not None:
-            added = checked.added
-            self.sheet_rows.enter(added, checked.added_parents, self.tets[added])
+            descends = checked.added_parents != NO_ROW
+            added, made = checked.added[descends], checked.added[~descends]
+            self.sheet_rows.enter(added, checked.added_parents[descends], self.tets[added])
+            self.sheet_rows.enter_born(made, edit.born_kinds, edit.born_tissue)
         vanished = self._bury_orphans(checked.nodes)
         lost, released, nodes = self._sew(checked)
         self.node_versions[nodes] = self.version
@@ -228,8 +235,9 @@ class Mesh:
         change = EditChange(
             checked.applied, moved, checked.moved_anchors, edit.moved_weights, old_moved_rest,
             copies, parents, elements, old, new, checked.neighbours, nodes, vanished,
-            checked.merged_nodes, checked.merged_into, back, like, offsets, lost, released,
-            checked.stitching.old_lengths,
+            checked.merged_nodes, checked.merged_into, np.concatenate([back, born]),
+            np.concatenate([like, born]), np.concatenate([offsets, np.zeros((len(born), 3))]), lost,
+            released, checked.stitching.old_lengths, born,
         )  # fmt: skip
         self.changes.append(change)
         return change
@@ -285,12 +293,29 @@ class Mesh:
         # What a redo makes again has its rows already.
         self.node_rows = _end(rows, self.node_rows)
 
+    def _enter_born(self, rows: NDArray[np.int32]) -> None:
+        self.node_alive[rows] = True
+        self.node_parents[rows] = self.node_ids[rows]
+        self.node_file_ids[rows] = -1
+        self.fixed[rows] = False
+        self.node_rows = _end(rows, self.node_rows)
+
+    def _take_patches(self, patching: Patching) -> None:
+        for gone in patching.removed:
+            del self.region_names[gone.label]
+        if patching.added is not None:
+            self.region_names[patching.added.label] = patching.added.name
+        self.patches = patching.after
+
     def _enter_elements(self, checked: CheckedEdit) -> None:
         rows, parents = checked.added, checked.added_parents
         self.element_alive[rows] = True
         self.element_file_ids[rows] = -1
         self.regions[rows] = self.regions[parents]
         self.fibres[rows] = self.fibres[parents]
+        if checked.patching.added is not None:
+            made = rows[parents == NO_ROW]
+            self.regions[made], self.fibres[made] = checked.patching.added.label, 0.0
         self.element_alive[checked.removed] = False
         self.element_alive[checked.returned_elements] = True
         self.element_rows = _end(rows, self.element_rows)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.patches import Patches
 from tissue_sim.geometry.sheet import Sheet
 from tissue_sim.geometry.sutures import Sutures
 
@@ -31,7 +32,8 @@ class RawMesh:
         points: Node positions [m], shape (node_count, 3), float64.
         tetrahedra: Node rows of each tetrahedron, shape (element_count, 4); empty for a surface.
         triangles: Node rows of each surface triangle, shape (triangle_count, 3); may be empty.
-        regions: Region label of each tetrahedron, shape (element_count,); empty: all zero.
+        regions: Region label of each tetrahedron, or of the triangles, springs and walls of the
+            sheet, one after the other, shape (element_count,); empty: all zero.
         region_names: Names of region labels.
         element_vectors: Named vectors of each tetrahedron, for instance along its fibres, shape
             (element_count, 3) each.
@@ -43,6 +45,7 @@ class RawMesh:
         sheet: What the tissue is made of without tetrahedra (`geometry.sheet_geometry`); None: of
             tetrahedra, or not decided.
         sutures: Stitches between its nodes.
+        patches: Soft sheets that were added, whose elements have region labels of their own.
         name: Short name of the geometry.
         source: File or generator it came from.
     """
@@ -59,5 +62,6 @@ class RawMesh:
     element_file_ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     sheet: Sheet | None = None
     sutures: Sutures = field(default_factory=Sutures)
+    patches: Patches = field(default_factory=Patches)
     name: str = "mesh"
     source: str = ""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.edit import EditError
-from tissue_sim.geometry.sheet import triangle_areas
+from tissue_sim.geometry.edit import EditError, TopologyEdit
+from tissue_sim.geometry.sheet import CATEGORIES, SURFACE, triangle_areas
 from tissue_sim.geometry.sheet_rows import NO_ROW, WALL
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def refuse_bad_items(
     was_spring = mesh.tets[elements, 2] == NO_ROW
     if (was_spring != (nodes[:, 2] == NO_ROW)).any():
         raise EditError("a triangle would become a spring, or a spring a triangle")
-    parents, made = added
+    descends = added[0] != NO_ROW
+    parents, made = added[0][descends], added[1][descends]
     springs = parents[made[:, 2] == NO_ROW]
     if (mesh.tets[springs, 2] != NO_ROW).any() or not np.isin(springs, removed).all():
         raise EditError("a new spring takes the place of a spring that the edit removes")
@@ -79,6 +80,33 @@ def refuse_bad_items(
     uses = np.bincount(named[named >= copies[0]] - copies[0], minlength=len(copies))
     if not uses.all():
         raise EditError(f"{int((uses == 0).sum())} copied nodes would belong to no triangle")
+
+
+def refuse_bad_sheet(edit: TopologyEdit, nodes: Rows) -> None:
+    """Refuse triangles and springs of a new patch that are not what the edit says they are.
+
+    Args:
+        edit: The edit; `refuse_malformed` has let it pass.
+        nodes: Nodes of its elements without parent, -1 for none, shape (k, 4).
+
+    Raises:
+        EditError: A spring has three nodes or a triangle two, a node belongs to no triangle, or a
+            thickness or volume is not positive.
+    """
+    kinds, tissue = edit.born_kinds, edit.born_tissue
+    if len(kinds) != len(nodes):
+        raise EditError(f"born_kinds has {len(kinds)} items; allowed: one for each of {len(nodes)}")
+    is_spring, is_wall = nodes[:, 2] == NO_ROW, kinds == WALL
+    springs = (kinds != SURFACE) & ~is_wall
+    if (springs != is_spring).any() or (kinds > WALL).any():
+        raise EditError(
+            f"a triangle's kind is {SURFACE}, a spring's {SURFACE + 1} to {len(CATEGORIES) - 1}, "
+            f"a wall's {WALL}"
+        )
+    if not (np.isfinite(tissue) & ((tissue > 0.0) != is_wall) & (tissue >= 0.0)).all():
+        raise EditError("a triangle has no thickness, a spring no volume of tissue, or a wall some")
+    if len(np.unique(nodes[kinds == SURFACE, :3])) != len(edit.born_nodes):
+        raise EditError("a node without parent would belong to no triangle")
 
 
 def count_without_size(

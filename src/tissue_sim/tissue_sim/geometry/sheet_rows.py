@@ -96,6 +96,12 @@ class SheetRows:
         tissue[is_spring] /= count[which]
         self.kinds[rows], self.tissue[rows] = kinds, tissue
 
+    def enter_born(
+        self, rows: NDArray[np.int32], kinds: NDArray[np.uint8], tissue: NDArray[np.float64]
+    ) -> None:
+        """Enter new rows that descend from none; kinds and tissue as the attributes."""
+        self.kinds[rows], self.tissue[rows] = kinds, tissue
+
     def carries(self, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Which rows are triangles of tissue, shape (len(rows),)."""
         return np.asarray(self.kinds[rows] == SURFACE)
@@ -131,10 +137,18 @@ class SheetRows:
             self._seen = (version, self._sheet(items, alive))
         return self._seen[1]
 
-    def _sheet(self, items: NDArray[np.int32], alive: NDArray[np.bool_]) -> Sheet:
-        kinds = self.kinds[: len(items)]
+    def order(
+        self, alive: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Rows of the triangles, of the springs and of the walls that are there, ascending."""
+        kinds = self.kinds[: len(alive)]
         triangles = np.flatnonzero(alive & (kinds == SURFACE))
         springs = np.flatnonzero(alive & (kinds >= CONNECTING) & (kinds < WALL))
+        return triangles, springs, np.flatnonzero(alive & (kinds == WALL))
+
+    def _sheet(self, items: NDArray[np.int32], alive: NDArray[np.bool_]) -> Sheet:
+        kinds = self.kinds[: len(items)]
+        triangles, springs, walls = self.order(alive)
         return Sheet(
             triangles=items[triangles, :3],
             thickness=self.tissue[triangles],
@@ -142,5 +156,5 @@ class SheetRows:
             categories=kinds[springs],
             volumes=self.tissue[springs],
             stiffness=self.stiffness,
-            walls=items[alive & (kinds == WALL), :3],
+            walls=items[walls, :3],
         )
