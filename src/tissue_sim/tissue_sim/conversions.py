@@ -385,6 +385,8 @@ def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) ->
     for name in (*_EDIT_IDS, *_EDIT_REALS, *_EDIT_KINDS):
         fill(getattr(message, name), getattr(edit, name))
     message.added_patches = [patch_to_msg(patch) for patch in edit.added_patches]
+    if hasattr(message, "held_by"):
+        message.held_by = edit.held_by
     return message
 
 

@@ -102,11 +102,13 @@ class AppliedEdit:
         change: What it touched.
         plan: The edit as it was requested.
         seconds: Time it took inside the frame [s].
+        hold: Id of the hold that carries the patch it added; 0: none.
     """
 
     change: EditChange
     plan: TopologyEdit
     seconds: float
+    hold: int = 0
 
 
 @dataclass(frozen=True)

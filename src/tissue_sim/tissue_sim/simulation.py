@@ -28,7 +28,7 @@ from tissue_sim.frame import (
     JournalEntry,
     ToolSample,
 )
-from tissue_sim.geometry.edit import EditError, StaleEditError, TopologyEdit
+from tissue_sim.geometry.edit import EditChange, EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.edit_check import CheckedEdit
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
@@ -329,7 +329,9 @@ class Simulation:
             return None, Answer(plan.request_id, False, str(error), "STALE")
         except EditError as error:
             return None, Answer(plan.request_id, False, str(error), "INVALID")
-        values: dict[str, Any] = {"applied": applied, "epoch": self.epoch}
+        values: dict[str, Any] = {
+            "applied": applied, "epoch": self.epoch, "hold_id": applied.hold
+        }  # fmt: skip
         return applied, Answer(plan.request_id, True, f"version {self.mesh.version}", values=values)
 
     def _carry_out(self, plan: TopologyEdit) -> AppliedEdit:
@@ -348,12 +350,16 @@ class Simulation:
             raise EditError(f"model {self.model.name} refuses patches: {why}")
         if why := self.model.refusal(checked.nodes):
             raise EditError(f"model {self.model.name} refuses this edit: {why}")
+        if plan.held_by and plan.held_by not in self.tools:
+            known = ", ".join(self.tools) or "none"
+            raise EditError(f"there is no tool {plan.held_by!r}; known tools: {known}")
         change = self.mesh.apply(plan, checked)
         self.history.record(change)
         self.state.follow(self.mesh, change)
         moved, merged = self._places(change.moved_nodes), self._places(change.merged_into)
         held = self.holds.rows
         emptied = self.holds.follow(self.mesh, change, moved, self.poses, merged)
+        carried = self._carry(change)
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
         self.model.topology_changed(change, self.state)
@@ -371,7 +377,21 @@ class Simulation:
             f"suture {suture} is released: a node of it vanished"
             for suture in change.released.tolist()
         ]
-        return AppliedEdit(change, plan, time.perf_counter() - started)
+        return AppliedEdit(change, plan, time.perf_counter() - started, carried)
+
+    def _carry(self, change: EditChange) -> int:
+        """Let a tool hold the patch that an edit has added for it; id of the hold, 0: none."""
+        edit, rows = change.edit, change.born_nodes
+        if not edit.held_by or not len(rows):
+            return 0
+        tool = self.tools[edit.held_by]
+        by_force = tool.hold == FORCE
+        # Releasing `use` lets go of it as of anything that the tool holds by being used.
+        hold = self.holds.grab(
+            rows, self._places(rows), tool.id, self.poses[tool.id], True, by_force
+        )
+        self._report_unfelt([hold])
+        return hold.id
 
     def _remember(self) -> None:
         """Keep the state from before anything moves, to go back to if it is lost."""

@@ -15,6 +15,10 @@ OUTSIDE = np.array([168, 62, 54], dtype=np.float64)
 INSIDE = np.array([236, 126, 114], dtype=np.float64)
 """Red, green, blue of muscle, and of the same tissue freshly cut."""
 
+PATCH = np.array([186, 208, 196], dtype=np.float64)
+PATCH_INSIDE = np.array([222, 232, 224], dtype=np.float64)
+"""Of a patch, and where it has been cut."""
+
 NAMED_TINTS = {
     "aorta": (40, 4, 2),
     "pulmonary": (-44, 14, 52),
@@ -29,7 +33,7 @@ TINTS = ((0, 0, 0), (18, 24, 18), (-18, -8, 4), (14, -10, -6), (-14, 14, 12), (2
 
 
 def region_tints(mesh: Mesh) -> dict[int, tuple[int, int, int]]:
-    """What each region's colour differs by, by label."""
+    """What each region's colour differs by, by label; not for patches."""
     labels = [int(label) for label in np.unique(mesh.regions[: mesh.element_rows])]
     tints = {}
     for turn, label in enumerate(labels):
@@ -117,14 +121,15 @@ def _keys(triples: NDArray[np.int64], nodes: int) -> NDArray[np.uint64]:
 
 def surface_of(mesh: Mesh) -> OrganSurface:
     """The surface of a mesh as it is now; of a sheet the walls of its cuts are inside."""
-    if mesh.sheet is not None:
-        triangles, walls = mesh.sheet.triangles, mesh.sheet.walls
-        return OrganSurface(
-            mesh.version,
-            _part(triangles, np.zeros((len(triangles), 3)), OUTSIDE),
-            _part(walls, np.zeros((len(walls), 3)), INSIDE),
-        )
     rows = mesh.element_rows
+    if mesh.sheet is not None and mesh.sheet_rows is not None:
+        triangles, walls = mesh.sheet.triangles, mesh.sheet.walls
+        order, _, of_walls = mesh.sheet_rows.order(mesh.element_alive[:rows])
+        outside = _with_patches(mesh, np.zeros((len(triangles), 3)), order, PATCH - OUTSIDE)
+        inside = _with_patches(mesh, np.zeros((len(walls), 3)), of_walls, PATCH_INSIDE - INSIDE)
+        return OrganSurface(
+            mesh.version, _part(triangles, outside, OUTSIDE), _part(walls, inside, INSIDE)
+        )
     triangles, elements = boundary_triangles(
         mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
     )
@@ -133,11 +138,26 @@ def surface_of(mesh: Mesh) -> OrganSurface:
     labels = np.array(list(by_label))
     values = np.array(list(by_label.values()), dtype=np.float64)
     tints = values[np.searchsorted(labels, mesh.regions[elements])]
+    outside = _with_patches(mesh, tints, elements, PATCH - OUTSIDE)
+    inside = _with_patches(mesh, 0.25 * tints, elements, PATCH_INSIDE - INSIDE)
     return OrganSurface(
         mesh.version,
-        _part(triangles[~opened], tints[~opened], OUTSIDE),
-        _part(triangles[opened], 0.25 * tints[opened], INSIDE),
+        _part(triangles[~opened], outside[~opened], OUTSIDE),
+        _part(triangles[opened], inside[opened], INSIDE),
     )
+
+
+def _with_patches(
+    mesh: Mesh,
+    tints: NDArray[np.float64],
+    elements: NDArray[np.integer],
+    own: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Tints of triangles, those whose elements are of a patch replaced by one of their own."""
+    if not len(mesh.patches):
+        return tints
+    of_patch = np.isin(mesh.regions[elements], mesh.patches.labels)
+    return np.where(of_patch[:, None], own, tints)
 
 
 def _part(

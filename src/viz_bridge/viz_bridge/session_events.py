@@ -6,6 +6,9 @@ import json
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from tissue_sim import conversions
+from tissue_sim.geometry.edit import PATCH
+from tissue_sim.geometry.patch_figures import patch_area
 from viz_bridge.cdr import Message
 
 Level = Literal["INFO", "WARN", "ERROR"]
@@ -23,7 +26,7 @@ class SessionEvent:
         stamp: When [ns since 1970].
         sim_time: When in the session [s].
         frame: In which frame.
-        kind: press, release, cut, suture, or the kind of a command.
+        kind: press, release, cut, suture, patch, or the kind of a command.
         text: In words.
         tool: The tool it is about; empty for none.
         level: How much it matters.
@@ -56,9 +59,7 @@ def journal_events(entry: Message, tool_kinds: dict[str, str]) -> list[SessionEv
         for command in entry.commands
     ]
     events += [
-        SessionEvent(
-            stamp, time, frame, "suture" if edit.kind in SEWING else "cut", _edit_in_words(edit)
-        )
+        SessionEvent(stamp, time, frame, _kind_of(edit), _edit_in_words(edit))
         for edit in entry.edits
     ]
     for tool in entry.tools:
@@ -79,7 +80,15 @@ def _edge_in_words(tool: str, kind: str, pressed: bool) -> str:
     return f"{tool} is pressed" if pressed else f"{tool} is released"
 
 
+def _kind_of(edit: Message) -> str:
+    if edit.kind in SEWING:
+        return "suture"
+    return PATCH if edit.kind == PATCH else "cut"
+
+
 def _edit_in_words(edit: Message) -> str:
+    if edit.kind == PATCH:
+        return _patch_in_words(edit)
     if edit.kind in SEWING:
         stitches = edit.added_sutures, edit.removed_sutures, edit.changed_sutures
         count = sum(len(some) for some in stitches)
@@ -87,6 +96,16 @@ def _edit_in_words(edit: Message) -> str:
     return (
         f"{edit.kind}: {len(edit.copied_nodes)} nodes added, "
         f"{len(edit.rewritten_elements)} tetrahedra changed (version {edit.version})"
+    )
+
+
+def _patch_in_words(message: Message) -> str:
+    edit = conversions.edit_from_msg(message)
+    name = edit.added_patches[0].name if edit.added_patches else PATCH
+    carried = f", carried by {edit.held_by}" if edit.held_by else ""
+    return (
+        f"{name}: {len(edit.born_nodes)} nodes, {1e4 * patch_area(edit):.3g} cm2{carried} "
+        f"(version {edit.version})"
     )
 
 

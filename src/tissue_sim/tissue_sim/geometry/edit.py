@@ -93,10 +93,10 @@ class TopologyEdit:
             of `copied_nodes`. They start where they are at rest, at rest and not fixed.
         born_rest: Their rest positions [m], shape (n, 3).
         born_kinds: Of a sheet, what each added element without parent is, in the order of
-            `added_elements`: `sheet.SURFACE` for a triangle, else the category of a spring, shape
-            (k,). Empty for tetrahedra.
+            `added_elements`: `sheet.SURFACE` for a triangle, `sheet_rows.WALL` for one that is only
+            shown, else the category of a spring, shape (k,). Empty for tetrahedra.
         born_tissue: Likewise the thickness of a triangle [m] or the volume of a spring's tissue
-            [m^3], shape (k,).
+            [m^3], 0 for a wall, shape (k,).
         added_patches: The patch that those nodes and elements are, or none: at most one.
         removed_patches: Ids of patches that vanish. Only an undo has some.
         held_by: Tool that holds the nodes of `born_nodes` from the frame they appear in; "": none.
@@ -213,6 +213,8 @@ def _refuse_malformed_patch(edit: TopologyEdit) -> None:
         raise EditError(f"the edit adds {len(edit.added_patches)} patches; allowed: one at most")
     if not edit.added_patches and (born or len(edit.born_nodes) or len(edit.born_kinds)):
         raise EditError("nodes and elements without parent need a patch that they are of")
+    if not edit.added_patches and edit.held_by:
+        raise EditError(f"there is no patch that {edit.held_by!r} could hold")
     if not edit.added_patches:
         return
     if not born or not len(edit.born_nodes):

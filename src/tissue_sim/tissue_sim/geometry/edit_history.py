@@ -158,7 +158,7 @@ class EditHistory:
         step = self.undone[-1]
         return replace(
             step.edit, base_version=mesh.version, base_frame=0, kind=REDO, reverts=step.undone,
-            version=0, author=author, request_id=request_id,
+            version=0, author=author, request_id=request_id, held_by="",
         )  # fmt: skip
 
 

@@ -34,7 +34,15 @@ _FINEST = 0.1
 
 
 class OutlineError(ValueError):
-    """An outline that encloses no patch: it crosses itself, is not flat, has no area, ..."""
+    """An outline that encloses no patch: it has no area, repeats a corner, ..."""
+
+
+class CrossingError(OutlineError):
+    """An outline that crosses itself."""
+
+
+class NotFlatError(OutlineError):
+    """An outline whose corners have no common plane."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,8 @@ def plane_of(corners: NDArray[np.float64]) -> tuple[Plane, NDArray[np.float64]]:
         The plane, through the mean of the corners, and the corners in it [m], shape (n, 2).
 
     Raises:
-        OutlineError: The corners have no common plane within `FLATNESS`.
+        OutlineError: The corners have no common plane within `FLATNESS` (`NotFlatError`), are too
+            few or too many, not finite, or enclose no area.
     """
     _refuse_count(corners)
     middle = corners.mean(axis=0)
@@ -89,7 +98,7 @@ def plane_of(corners: NDArray[np.float64]) -> tuple[Plane, NDArray[np.float64]]:
     local = plane.to_plane(corners)
     off = float(np.abs(local[:, 2]).max())
     if off > FLATNESS * extent:
-        raise OutlineError(
+        raise NotFlatError(
             f"the outline is not flat: a corner is {1e3 * off:.3g} mm off the plane of the others; "
             f"allowed: {1e3 * FLATNESS * extent:.3g} mm ({100 * FLATNESS:g} % of its extent)"
         )
@@ -104,7 +113,8 @@ def checked_outline(corners: NDArray[np.float64]) -> NDArray[np.float64]:
             shape (n, 2).
 
     Raises:
-        OutlineError: Naming what is wrong and what is allowed.
+        OutlineError: Naming what is wrong and what is allowed; `CrossingError` if it crosses
+            itself.
     """
     _refuse_count(corners)
     extent = float(np.ptp(corners, axis=0).max())
@@ -118,7 +128,7 @@ def checked_outline(corners: NDArray[np.float64]) -> NDArray[np.float64]:
             f"{1e6 * CLOSEST:g} micrometres apart, and the first corner is not repeated at the end"
         )
     if (pair := _crossing(corners)) is not None:
-        raise OutlineError(f"the outline crosses itself: sides {pair[0]} and {pair[1]} meet")
+        raise CrossingError(f"the outline crosses itself: sides {pair[0]} and {pair[1]} meet")
     area = signed_area(corners)
     if abs(area) < SMALLEST_AREA:
         raise OutlineError(

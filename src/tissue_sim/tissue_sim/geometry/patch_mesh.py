@@ -81,8 +81,8 @@ def mesh_outline(outline: NDArray[np.float64], edge: float, layers: int = 2) -> 
         layers: How often the patch will have the nodes of the flat mesh; `MOST_NODES` are allowed.
 
     Raises:
-        OutlineError: It would have too many nodes, or the outline is too narrow somewhere for any
-            mesh.
+        OutlineError: The outline is too narrow somewhere for any mesh, or it would have too many
+            nodes (`TooManyNodesError`).
     """
     most = MOST_NODES // layers
     _refuse_count(layers * expected_nodes(outline, edge))

@@ -1,0 +1,204 @@
+"""The service `tissue/add_patch` of the node `cut_service`, and tools that lay patches."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass, replace
+
+import numpy as np
+from geometry_msgs.msg import Pose
+from numpy.typing import NDArray
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from tissue_interfaces.msg import ToolList
+from tissue_interfaces.srv import AddPatch, ApplyEdit
+
+from cut_service.errors import CutCode, CutError
+from cut_service.ledger import Ledger
+from cut_service.patching import PatchCode, PatchError, PatchPlan, Wanted, plan_patch
+from cut_service.suture_server import ATTEMPTS, PATIENCE, PAUSE_WHEN_BUSY, Followed
+from cut_service.waiting import Until
+from tissue_sim import conversions, qos
+from tissue_sim.frames import UnknownFrameError
+from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction import rigid
+
+TOOLS_COME = 2.0
+"""Longest wait for the list of tools when a request names one [s]."""
+
+_CODES = {
+    CutCode.NO_TISSUE: PatchCode.NO_TISSUE,
+    CutCode.STATE_FRAME_GONE: PatchCode.STATE_FRAME_GONE,
+    CutCode.SIMULATION_LOST: PatchCode.SIMULATION_LOST,
+    CutCode.STALE: PatchCode.STALE,
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The answer to one request."""
+
+    code: PatchCode
+    message: str
+    version: int = 0
+    plan: PatchPlan | None = None
+    patch_id: int = 0
+    name: str = ""
+    nodes: NDArray[np.uint32] | None = None
+    hold: int = 0
+
+
+class PatchServer:
+    """Plans patches on the node's replica and asks the simulation to add them."""
+
+    def __init__(
+        self, node: Node, group: CallbackGroup, followed: Followed, remembered: int
+    ) -> None:
+        """Serve `tissue/add_patch`; arguments as for `SutureServer`."""
+        self._node, self._followed = node, followed
+        self._ledger: Ledger[Outcome] = Ledger(remembered)
+        self._tools: list[str] | None = None
+        node.create_subscription(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
+        node.create_service(AddPatch, "tissue/add_patch", self._on_request, callback_group=group)
+
+    def _on_tools(self, message: ToolList) -> None:
+        self._tools = [tool.id for tool in message.tools]
+
+    async def _on_request(
+        self, request: AddPatch.Request, response: AddPatch.Response
+    ) -> AddPatch.Response:
+        outcome = await self._once(request)
+        response.success = outcome.code == PatchCode.NONE
+        response.message, response.error_code = outcome.message, int(outcome.code)
+        response.version, response.hold_id = outcome.version, outcome.hold
+        response.patch_id, response.patch_name = outcome.patch_id, outcome.name
+        plan = outcome.plan
+        if plan is not None and outcome.nodes is not None:
+            response.nodes, response.elements = plan.nodes, plan.elements
+            response.area, response.edge_used = float(plan.area), float(plan.edge)
+            response.quality_min, response.quality_mean = plan.quality
+            response.overlap = plan.overlap
+            conversions.fill(response.rim_nodes, outcome.nodes[plan.rim])
+        return response
+
+    async def _once(self, request: AddPatch.Request) -> Outcome:
+        request.request_id = request.request_id or uuid.uuid4().hex
+        entry, is_new = self._ledger.open(request.request_id)
+        if not is_new:
+            await Until(lambda: entry.answer is not None, PATIENCE)
+            return entry.answer or Outcome(
+                PatchCode.SIMULATION_LOST, "the first request with this id is not answered yet"
+            )
+        try:
+            outcome = await self._carry_out(request)
+        except PatchError as error:
+            outcome = Outcome(error.code, str(error))
+        except CutError as error:
+            outcome = Outcome(_CODES.get(error.code, PatchCode.REFUSED), str(error))
+        except Exception as error:
+            # Whatever went wrong, the client is answered and the service goes on.
+            self._node.get_logger().error(f"patching failed: {type(error).__name__}: {error}")
+            outcome = Outcome(PatchCode.REFUSED, f"planning failed: {error}")
+        entry.answer = outcome
+        self._node.get_logger().info(f"patch: {outcome.message}")
+        return outcome
+
+    async def _carry_out(self, request: AddPatch.Request) -> Outcome:
+        wanted = self._wanted(request)
+        await self._refuse_unknown(wanted.tool)
+        named = await self._followed.shape_at(request.state_frame)
+        epoch = self._followed.replica.epoch
+        shape, message = named if request.state_frame else None, ""
+        for attempt in range(1, ATTEMPTS + 1):
+            shape = shape or await self._followed.shape_at(0)
+            planned = plan_patch(self._mesh(), shape.positions, wanted)
+            edit = replace(
+                planned.edit, base_frame=shape.frame, author=request.author,
+                request_id=f"{request.request_id}{f'~{attempt}' if attempt > 1 else ''}",
+            )  # fmt: skip
+            if self._followed.replica.epoch != epoch:
+                raise PatchError(
+                    PatchCode.SIMULATION_LOST, "the simulation restarted; no patch was added"
+                )
+            answer = await self._followed.ask(replace(planned, edit=edit), epoch)
+            if answer.success:
+                return self._done(planned, wanted.tool, answer)
+            message = answer.message
+            if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
+                raise PatchError(PatchCode.REFUSED, f"the simulation refused: {message}")
+            if answer.error_code == ApplyEdit.Response.BUSY:
+                await Until(lambda: False, PAUSE_WHEN_BUSY)
+            else:
+                await self._followed.newer_than(edit.base_version, epoch)
+            shape = None
+        raise PatchError(PatchCode.STALE, f"the tissue changed under {ATTEMPTS} plans ({message})")
+
+    def _wanted(self, request: AddPatch.Request) -> Wanted:
+        """What is wanted, in the organ's frame."""
+        flat = _numbers(request.outline, 2, "outline", "two per corner")
+        corners = _numbers(request.corners, 3, "corners", "three per corner")
+        if bool(len(flat)) == bool(len(corners)):
+            raise PatchError(
+                PatchCode.INVALID,
+                f"{len(flat)} corners in outline and {len(corners)} in corners; allowed: one of "
+                "them",
+            )
+        normal = None
+        if len(flat):
+            pose = _pose(request.pose)
+            corners = rigid.to_world(pose, np.column_stack([flat, np.zeros(len(flat))]))
+            normal = rigid.to_world(pose, np.array([[0.0, 0.0, 1.0]]))[0] - pose[:3]
+        frames = self._followed.frames()
+        frame = request.header.frame_id or frames.organ
+        try:
+            if normal is not None:
+                ends = np.stack([corners[0], corners[0] + normal])
+                ends = frames.points_in_organ(frame, ends)
+                normal = ends[1] - ends[0]
+            corners = frames.points_in_organ(frame, corners)
+        except UnknownFrameError as error:
+            raise PatchError(PatchCode.UNKNOWN_FRAME, str(error)) from None
+        return Wanted(
+            corners, normal, float(request.thickness), float(request.young_modulus),
+            float(request.density), float(request.edge_length), request.name, request.tool,
+        )  # fmt: skip
+
+    async def _refuse_unknown(self, tool: str) -> None:
+        if not tool:
+            return
+        await Until(lambda: tool in (self._tools or ()), TOOLS_COME)
+        known = self._tools or []
+        if tool not in known:
+            raise PatchError(
+                PatchCode.UNKNOWN_TOOL,
+                f"there is no tool {tool!r}; known tools: {', '.join(known) or 'none'}",
+            )
+
+    def _done(self, planned: PatchPlan, tool: str, answer: ApplyEdit.Response) -> Outcome:
+        edit: TopologyEdit = conversions.edit_from_msg(answer.applied)
+        patch = edit.added_patches[0]
+        return Outcome(
+            PatchCode.NONE, planned.in_words(patch.name, tool), answer.version, planned, patch.id,
+            patch.name, edit.born_nodes.copy(), int(answer.hold_id),
+        )  # fmt: skip
+
+    def _mesh(self) -> Mesh:
+        mesh = self._followed.replica.mesh
+        if mesh is None:
+            raise PatchError(PatchCode.NO_TISSUE, "no topology has been received yet")
+        return mesh
+
+
+def _numbers(values: object, width: int, name: str, allowed: str) -> NDArray[np.float64]:
+    numbers = conversions.array_of(values, np.float64)
+    if numbers.size % width:
+        raise PatchError(PatchCode.INVALID, f"{numbers.size} numbers in {name}; allowed: {allowed}")
+    return np.asarray(numbers.reshape(-1, width).copy())
+
+
+def _pose(message: Pose) -> NDArray[np.float64]:
+    try:
+        return rigid.checked_pose(conversions.pose_array(message))
+    except rigid.PoseError as error:
+        raise PatchError(PatchCode.INVALID, str(error)) from None
