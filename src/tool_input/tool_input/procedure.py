@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from tool_input.located_yaml import Item, read_located, read_located_file
 from tool_input.motion import Motion, Pose
+from tool_input.patch_items import KEYS as PATCH_KEYS
+from tool_input.patch_items import PatchItem, patch_of
 from tool_input.procedure_items import (
     SIZES,
     Stitching,
@@ -42,6 +44,7 @@ ACTIONS = {
     "suture": ("name", "spacing", "running", "length", "share", "reach", "stiffness"),
     "tighten": ("length", "share"),
     "unsuture": (),
+    "patch": (),
 }
 """Actions of the timeline, and the keys each may have besides itself and `at`."""
 
@@ -95,13 +98,14 @@ class Event:
     Attributes:
         time: When [s].
         action: One of `ACTIONS` but "move" and "use", which are taken apart when the file is read.
-        target: Tool, model, name of stitches or text of the label; empty where the action needs
-            none.
+        target: Tool, model, name of stitches or of a patch, or text of the label; empty where the
+            action needs none.
         value: Radius [m] of a grab, rest length [m] of stitches (negative: as long as they are
             times -value), or whether to pause.
         method: Method of a cut; empty: the service's default.
         sweep: What a cut follows.
         stitching: What is sewn.
+        patch: What patch is added.
         parameters: Parameters of a model.
         where: File and line.
     """
@@ -113,6 +117,7 @@ class Event:
     method: str = ""
     sweep: SweepShape | None = None
     stitching: Stitching | None = None
+    patch: PatchItem | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     where: str = ""
 
@@ -190,6 +195,7 @@ class _Reader:
         self.motions: dict[str, list[Motion]] = {name: [] for name in self.tools}
         self.events: list[Event] = []
         self.sewn: set[str] = set()
+        self.patched: set[str] = set()
         self.levels: dict[str, list[tuple[float, bool, Item]]] = {name: [] for name in self.tools}
 
     def procedure(self) -> Procedure:
@@ -281,6 +287,8 @@ class _Reader:
             self._add(item, time, action, value=float(subject.flag()))
         elif action in ("suture", "tighten", "unsuture"):
             self._sew(item, time, action, keys)
+        elif action == "patch":
+            self._patch(item, time, subject)
         elif action in ("reset", "undo", "redo"):
             if not subject.flag():
                 raise subject.error("must be true")
@@ -304,6 +312,15 @@ class _Reader:
             raise item.error("must have either length or share")
         event = Event(time, action, name, length, stitching=stitching, where=item.where)
         self.events.append(event)
+
+    def _patch(self, item: Item, time: float, subject: Item) -> None:
+        patch = patch_of(subject, self.scale)
+        if patch.name in self.patched:
+            raise subject.error(f"the name {patch.name!r} is taken")
+        if patch.tool:
+            self._known(subject.mapping(PATCH_KEYS)["carried_by"])
+        self.patched |= {patch.name} - {""}
+        self.events.append(Event(time, "patch", patch.name, patch=patch, where=item.where))
 
     def _add(
         self,
