@@ -13,7 +13,7 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS, Sutures, is_surface_node, why_not
 
 KIND = {0: "suture", 1: "tighten", 2: "unsuture"}
-"""Kinds of the edits, by action."""
+"""Kinds of the edits, by action; sewing a rim makes sutures as well."""
 
 REACH = 0.003
 """Distance [m] within which a position is attached to a node if a request names none."""
@@ -38,6 +38,9 @@ class SutureCode(IntEnum):
     STALE = 7
     SIMULATION_LOST = 8
     REFUSED = 9
+    UNKNOWN_PATCH = 10
+    UNKNOWN_HOLE = 11
+    NO_RIM = 12
 
 
 class SutureError(ValueError):
@@ -93,9 +96,31 @@ def plan_sewing(mesh: Mesh, shape: NDArray[np.floating], wanted: Sewing) -> Topo
     new = np.ones(len(ends), dtype=np.bool_)
     new[1:] = (ends[1:] != ends[:-1]).any(axis=1)
     ends = ends[new]
+    return stitched(mesh, places, ends, wanted)
+
+
+def stitched(
+    mesh: Mesh,
+    places: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    wanted: Sewing,
+    closed: bool = False,
+) -> TopologyEdit:
+    """The edit that makes stitches between given nodes.
+
+    Args:
+        mesh: The mesh, at the version that `places` belong to.
+        places: Current node positions [m], shape (node_rows, 3).
+        ends: Node rows of both ends of each stitch, shape (n, 2).
+        wanted: How they are sewn; its positions do not matter.
+        closed: Whether a running thread goes on from the last stitch to the first.
+
+    Raises:
+        SutureError: A number is not allowed, or a thread would join a node to itself.
+    """
     along = np.zeros(len(ends))
     if wanted.running:
-        ends, along = _with_crossings(places, ends)
+        ends, along = _with_crossings(places, ends, closed)
         if (ends[:, 0] == ends[:, 1]).any():
             raise SutureError(
                 SutureCode.NOTHING_THERE,
@@ -179,20 +204,29 @@ def pulls(sutures: Sutures, shape: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(sutures.stiffness * longer)
 
 
-def _pairs(wanted: Sewing) -> NDArray[np.float64]:
-    """Positions of both ends of each stitch [m], shape (n, 2, 3)."""
-    points, invalid = wanted.positions, SutureCode.INVALID
+def refuse_bad_numbers(wanted: Sewing) -> None:
+    """Refuse numbers that no request may have.
+
+    Raises:
+        SutureError: One is not finite or not allowed.
+    """
     numbers = (wanted.spacing, wanted.reach, wanted.stiffness, wanted.length)
-    if not (np.isfinite(points).all() and np.isfinite(numbers).all()):
-        raise SutureError(invalid, "a position, or another number, is not finite")
-    if not len(points) or len(points) % 2:
-        raise SutureError(invalid, f"{len(points)} positions; allowed: pairs, at least one")
+    if not (np.isfinite(wanted.positions).all() and np.isfinite(numbers).all()):
+        raise SutureError(SutureCode.INVALID, "a position, or another number, is not finite")
     if min(wanted.spacing, wanted.stiffness) < 0.0 or not 0.0 <= wanted.reach <= FARTHEST_REACH:
         raise SutureError(
-            invalid,
+            SutureCode.INVALID,
             "spacing and stiffness must not be negative, and reach must be from 0 to "
             f"{FARTHEST_REACH:g} m",
         )
+
+
+def _pairs(wanted: Sewing) -> NDArray[np.float64]:
+    """Positions of both ends of each stitch [m], shape (n, 2, 3)."""
+    points, invalid = wanted.positions, SutureCode.INVALID
+    refuse_bad_numbers(wanted)
+    if not len(points) or len(points) % 2:
+        raise SutureError(invalid, f"{len(points)} positions; allowed: pairs, at least one")
     pairs = points.reshape(-1, 2, 3)
     if wanted.spacing:
         half = len(points) // 2
@@ -253,14 +287,20 @@ def _closest(
 
 
 def _with_crossings(
-    places: NDArray[np.float64], ends: NDArray[np.int64]
+    places: NDArray[np.float64], ends: NDArray[np.int64], closed: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Stitches and, between them, the ways of the thread across; ways along the edge [m]."""
-    both, along = np.empty((2 * len(ends) - 1, 2), dtype=np.int64), np.zeros(2 * len(ends) - 1)
+    """Stitches and, after each, the way of the thread across to the next; ways along the edge [m].
+
+    From the last the thread goes on to the first only if it is closed.
+    """
+    both, along = np.empty((2 * len(ends), 2), dtype=np.int64), np.zeros(2 * len(ends))
+    after = np.roll(ends[:, 0], -1)
     both[::2] = ends
-    both[1::2, 0], both[1::2, 1] = ends[:-1, 1], ends[1:, 0]
-    along[1::2] = np.linalg.norm(places[ends[1:, 0]] - places[ends[:-1, 0]], axis=1)
-    return both, along
+    both[1::2, 0], both[1::2, 1] = ends[:, 1], after
+    along[1::2] = np.linalg.norm(places[after] - places[ends[:, 0]], axis=1)
+    if closed and len(ends) > 1:
+        return both, along
+    return both[:-1], along[:-1]
 
 
 def _lengths(

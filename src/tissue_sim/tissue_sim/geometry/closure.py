@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from tissue_sim.geometry.closure_kernels import cover, fill_disc, find_exits, nearest_places
+from tissue_sim.geometry.closure_kernels import Grid, cover, fill_disc, find_exits, nearest_places
 
 Reals = NDArray[np.float64]
 
@@ -100,20 +100,14 @@ class Disc:
         middle: Origin of those coordinates [m], shape (3,).
         axes: Unit vectors: two in the plane and its normal, about which the loop runs
             counterclockwise, shape (3, 3).
-        origin: Corner of the grid [m], shape (2,).
-        spacing: Of its samples [m].
-        inside: Samples that the loop winds around, shape (nx, ny).
-        heights: Of the disc over the plane [m], shape (nx, ny).
+        grid: Which samples the loop winds around, and the disc's heights there.
         areas: Area of the disc that each sample stands for [m^2], 0 outside, shape (nx, ny).
     """
 
     loop: Reals
     middle: Reals
     axes: Reals
-    origin: Reals
-    spacing: float
-    inside: NDArray[np.bool_]
-    heights: Reals
+    grid: Grid
     areas: Reals
 
     def local(self, places: Reals) -> Reals:
@@ -122,8 +116,8 @@ class Disc:
 
     def place(self, i: int, j: int) -> Reals:
         """Where a sample of the disc is [m], shape (3,)."""
-        flat = self.origin + self.spacing * (np.array([i, j]) + 0.5)
-        return self.middle + np.append(flat, self.heights[i, j]) @ self.axes
+        flat = self.grid.origin + self.grid.spacing * (np.array([i, j]) + 0.5)
+        return self.middle + np.append(flat, self.grid.heights[i, j]) @ self.axes
 
 
 def checked_loop(loop: Reals) -> Reals:
@@ -204,10 +198,10 @@ def disc_of(loop: Reals) -> Disc:
     # Samples lie evenly about the middle, so that turning a loop around changes nothing.
     origin = 0.5 * (low + high) - 0.5 * spacing * counts
     inside = np.zeros(tuple(counts), dtype=np.bool_)
-    heights = np.zeros(tuple(counts))
-    fill_disc(local, origin, spacing, inside, heights)
-    areas = np.where(inside, spacing**2 * _slopes(inside, heights, spacing), 0.0)
-    return Disc(local, middle, axes, origin, spacing, inside, heights, areas)
+    grid = Grid(origin, float(spacing), inside, np.zeros(tuple(counts)))
+    fill_disc(local, grid)
+    areas = np.where(inside, spacing**2 * _slopes(grid), 0.0)
+    return Disc(local, middle, axes, grid, areas)
 
 
 def measure(loop: Reals, depth: float, pieces: Pieces, tissue: Reals) -> Closure:
@@ -228,11 +222,11 @@ def measure(loop: Reals, depth: float, pieces: Pieces, tissue: Reals) -> Closure
         for owner in np.unique(covered[covered > 0])
     }
     by_tissue = float(disc.areas[in_tissue].sum()) / total if total else 1.0
-    gap, gap_at = _widest(disc, disc.inside & (covered == 0) & ~in_tissue)
-    edge_gap, edge_gap_at = _farthest_of_edge(loop, disc.spacing, pieces.corners)
+    gap, gap_at = _widest(disc, disc.grid.inside & (covered == 0) & ~in_tissue)
+    edge_gap, edge_gap_at = _farthest_of_edge(loop, disc.grid.spacing, pieces.corners)
     return Closure(
         total, sum(shares.values()), by_tissue, gap, gap_at, edge_gap, edge_gap_at, shares,
-        disc.spacing, disc.axes[2],
+        disc.grid.spacing, disc.axes[2],
     )  # fmt: skip
 
 
@@ -254,8 +248,9 @@ def _axes(loop: Reals) -> Reals:
     return np.array([first, np.cross(normal, first), normal])
 
 
-def _slopes(inside: NDArray[np.bool_], heights: Reals, spacing: float) -> Reals:
+def _slopes(grid: Grid) -> Reals:
     """Area of the disc over the area of the plane at each sample."""
+    _, spacing, inside, heights = grid
     square = np.ones(heights.shape)
     for axis in (0, 1):
         if heights.shape[axis] < 2:
@@ -272,20 +267,19 @@ def _slopes(inside: NDArray[np.bool_], heights: Reals, spacing: float) -> Reals:
 
 
 def _covered(disc: Disc, depth: float, pieces: Pieces) -> NDArray[np.int32]:
-    covered = np.zeros(disc.inside.shape, dtype=np.int32)
-    cover(
-        disc.local(pieces.corners), pieces.owners, 0.5 * pieces.thickness, depth, disc.origin,
-        disc.spacing, disc.inside, disc.heights, covered,
-    )  # fmt: skip
+    covered = np.zeros(disc.areas.shape, dtype=np.int32)
+    margins = 0.5 * pieces.thickness
+    cover(disc.local(pieces.corners), pieces.owners, margins, depth, disc.grid, covered)
     return covered
 
 
 def _in_tissue(disc: Disc, tissue: Reals) -> NDArray[np.bool_]:
     """Samples that lie in tissue: it ends above them and below."""
-    above, below = np.empty(disc.heights.shape), np.empty(disc.heights.shape)
-    local = disc.local(tissue)
-    find_exits(local, disc.origin, disc.spacing, disc.inside, disc.heights, above, below)
-    return disc.inside & np.isfinite(above) & np.isfinite(below) & (above > 0.0) & (below > 0.0)
+    above, below = np.empty(disc.areas.shape), np.empty(disc.areas.shape)
+    find_exits(disc.local(tissue), disc.grid, above, below)
+    return (
+        disc.grid.inside & np.isfinite(above) & np.isfinite(below) & (above > 0.0) & (below > 0.0)
+    )
 
 
 def _widest(disc: Disc, is_open: NDArray[np.bool_]) -> tuple[float, Reals]:
@@ -295,7 +289,7 @@ def _widest(disc: Disc, is_open: NDArray[np.bool_]) -> tuple[float, Reals]:
     away = distance_transform_edt(np.pad(is_open, 1))[1:-1, 1:-1]
     i, j = np.unravel_index(int(np.argmax(away)), away.shape)
     # The border runs between two samples, on average half way.
-    radius = (float(away[i, j]) - 0.5) * disc.spacing
+    radius = (float(away[i, j]) - 0.5) * disc.grid.spacing
     return 2.0 * radius, disc.place(int(i), int(j))
 
 

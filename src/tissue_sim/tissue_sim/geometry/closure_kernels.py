@@ -6,6 +6,8 @@ given in the disc's own coordinates: two in its plane, the third along its norma
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -22,8 +24,24 @@ _NO_WAY = 1e-30
 """Distance [m] that keeps a sample on a corner from dividing by zero."""
 
 
+class Grid(NamedTuple):
+    """A disc in samples.
+
+    Attributes:
+        origin: Corner of the grid [m], shape (2,).
+        spacing: Of its samples [m].
+        inside: Samples that the loop winds around, shape (nx, ny).
+        heights: Of the disc over its plane [m], 0 outside, shape (nx, ny).
+    """
+
+    origin: Reals
+    spacing: float
+    inside: Flags
+    heights: Reals
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_disc(loop: Reals, origin: Reals, spacing: float, inside: Flags, heights: Reals) -> None:
+def fill_disc(loop: Reals, grid: Grid) -> None:
     """Find the samples that a loop winds around, and the height of the disc there.
 
     The height is the mean value interpolation of the loop's heights (Floater, Computer Aided
@@ -32,11 +50,9 @@ def fill_disc(loop: Reals, origin: Reals, spacing: float, inside: Flags, heights
 
     Args:
         loop: Corners, counterclockwise, in the disc's coordinates [m], shape (n, 3).
-        origin: Corner of the grid [m], shape (2,).
-        spacing: Of its samples [m].
-        inside: Result, shape (nx, ny).
-        heights: Result [m], 0 outside, shape (nx, ny).
+        grid: Its samples and heights are the result.
     """
+    origin, spacing, inside, heights = grid
     for i in range(inside.shape[0]):
         x = origin[0] + (i + 0.5) * spacing
         for j in range(inside.shape[1]):
@@ -110,10 +126,7 @@ def cover(
     owners: NDArray[np.int32],
     margins: Reals,
     depth: float,
-    origin: Reals,
-    spacing: float,
-    inside: Flags,
-    heights: Reals,
+    grid: Grid,
     covered: NDArray[np.int32],
 ) -> None:
     """Mark the samples that triangles cover with the number of the first owner that does.
@@ -123,9 +136,10 @@ def cover(
         owners: Whose each triangle is, from 1, shape (t,).
         margins: Distance from each triangle within which a sample counts as covered [m].
         depth: Height over and under the disc within which it covers [m].
-        origin, spacing, inside, heights: As `fill_disc` has them.
+        grid: The disc.
         covered: Result, 0 where nothing covers; 0 on entry, shape (nx, ny).
     """
+    origin, spacing, inside, heights = grid
     for t in range(len(triangles)):
         margin = margins[t]
         x, y = triangles[t, :, 0], triangles[t, :, 1]
@@ -147,24 +161,17 @@ def cover(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def find_exits(
-    triangles: Reals,
-    origin: Reals,
-    spacing: float,
-    inside: Flags,
-    heights: Reals,
-    above: Reals,
-    below: Reals,
-) -> None:
+def find_exits(triangles: Reals, grid: Grid, above: Reals, below: Reals) -> None:
     """Find the surface next above and next below each sample, and whether it is left there.
 
     Args:
         triangles: Corners in the disc's coordinates, normals out of the tissue [m], (t, 3, 3).
-        origin, spacing, inside, heights: As `fill_disc` has them.
+        grid: The disc.
         above: Result: distance to the next surface above [m], negative if tissue begins there and
             does not end; infinite where there is none, shape (nx, ny).
         below: The same below.
     """
+    origin, spacing, inside, heights = grid
     above[:], below[:] = np.inf, np.inf
     for t in range(len(triangles)):
         x, y = triangles[t, :, 0], triangles[t, :, 1]
