@@ -20,6 +20,7 @@ from tissue_sim.elastic.model import State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN, NodeOrdering
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.quality import signed_volumes
+from tissue_sim.kernels.orderings import UNREACHED
 
 
 def test_with_the_whole_organ_as_region_it_is_quasi_static_and_relaxation_bit_for_bit() -> None:
@@ -128,13 +129,14 @@ def test_a_node_that_lingers_again_does_not_repeat_the_move_of_its_last_time() -
     order = NodeOrdering(springs)
     order.search(np.empty(0, dtype=np.int32), state.prescribed)
     lingering = Lingering(springs, momentum=0.7, joins=False)
-    nodes = top_ball(mesh).astype(np.uint32)
+    nodes, near = top_ball(mesh), NodeOrdering(springs)
+    near.search(nodes, state.prescribed, depth=0)
     state.displacement[nodes] = [0, 0, 0.002]
-    lingering.join(nodes)
+    lingering.join(state, near, order.level, UNREACHED)
     lingering.sweep(state, order, 0, np.float32(1))
     assert (state.displacement[nodes] != [0, 0, 0.002]).any()
     lingering.clear()
     state.displacement[:] = 0
-    lingering.join(nodes)
+    lingering.join(state, near, order.level, UNREACHED)
     lingering.sweep(state, order, 0, np.float32(1))
     assert np.abs(state.displacement).max() < 1e-9

@@ -90,3 +90,34 @@ def test_copies_are_inserted_as_numpy_inserts_them() -> None:
     expected = np.insert(nodes[:used], places + 1, copies)
     orderings.insert_behind(copies, places, nodes, used)
     np.testing.assert_array_equal(nodes, expected)
+
+
+def test_keys_find_places_however_often_the_order_is_changed_at_one_place() -> None:
+    rng = np.random.default_rng(11)
+    capacity, gone = 400, np.int64(orderings.UNREACHED)
+    nodes, key = np.zeros(capacity, dtype=np.uint32), np.full(capacity, gone)
+    level, level_start = np.zeros(capacity, dtype=np.int32), np.array([0, 40], dtype=np.int32)
+    plain = rng.permutation(40).tolist()
+    used = len(plain)
+    nodes[:used] = plain
+    orderings.number(nodes, used, key)
+    for fresh in range(40, capacity - 2, 3):
+        # Always behind the same node and behind the last one: there the keys get close first.
+        copies = np.arange(fresh, fresh + 3, dtype=np.int32)
+        parents = np.array([plain[5], plain[-1], plain[5]], dtype=np.int32)
+        for copy, parent in zip(copies[::-1].tolist(), parents[::-1].tolist(), strict=True):
+            plain.insert(plain.index(parent) + 1, copy)
+        along = np.argsort(key[parents], kind="stable")
+        used, _ = orderings.insert_copies(
+            copies, parents, along, nodes, used, level, 1, level_start, key
+        )
+        lost = plain.pop(int(rng.integers(6, len(plain) - 1)))
+        place = np.empty(1, dtype=np.int32)
+        orderings.find_places(np.array([lost], dtype=np.int32), nodes, used, key, place)
+        orderings.take_out(place, nodes, used)
+        used, key[lost] = used - 1, gone
+        np.testing.assert_array_equal(nodes[:used], plain)
+        found = np.empty(used, dtype=np.int32)
+        orderings.find_places(nodes[:used].astype(np.int32), nodes, used, key, found)
+        np.testing.assert_array_equal(found, np.arange(used))
+    assert level_start[1] == 40 + 3 * 120

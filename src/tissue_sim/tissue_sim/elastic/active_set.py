@@ -244,11 +244,8 @@ class ActiveSet:
             self.end = self.ordering.end_of(self.levels)
         if self.keep_until_rest:
             self._near.search(change.nodes, state.prescribed, self.levels)
-            near = self._near.nodes[: self._near.used]
-            level = self.ordering.level[near]
-            swept = (level != UNREACHED) & (level <= self.levels) if self.end else False
-            gone = ~self.springs.mesh.node_alive[near]
-            self.lingering.join(near[~(swept | state.prescribed[near] | gone)])
+            deepest = self.levels if self.end else UNREACHED
+            self.lingering.join(state, self._near, self.ordering.level, deepest)
 
     def _match_capacity(self) -> None:
         extra = self.springs.mesh.node_capacity - len(self.lingering.member)

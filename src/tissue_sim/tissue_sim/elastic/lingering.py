@@ -106,15 +106,23 @@ class Lingering:
         self.count = len(kept)
         self.nodes[: self.count] = kept
 
-    def join(self, nodes: NDArray[np.uint32]) -> None:
-        """Let free nodes linger too, after those that do."""
-        new = nodes[~self.member[nodes]]
-        self.member[new] = True
-        self._last_move[new] = 0  # What a node did when it lingered last is over.
+    def join(
+        self, state: State, near: NodeOrdering, level: NDArray[np.int32], deepest: int
+    ) -> None:
+        """Let free nodes outside the region linger too, after those that do.
+
+        Args:
+            state: Displacements and prescribed nodes.
+            near: The nodes, in their order.
+            level: Level of each node row in the order whose beginning is the region.
+            deepest: Last level of the region; -1: there is none.
+        """
         self._since_flip = 0
-        end = self.count + len(new)
-        self.nodes[self.count : end] = new
-        self.count = end
+        # What a node did when it lingered last is over.
+        self.count = orderings.join_lingering(
+            near.nodes, near.used, level, deepest, state.prescribed, self.springs.mesh.node_alive,
+            self.member, self._last_move, self.nodes, self.count,
+        )  # fmt: skip
 
     def _next_part(self) -> tuple[int, int]:
         """The part of the list that the next sweep visits: all of it if that is not too long."""

@@ -162,12 +162,11 @@ class State:
         self.prescribed[placed] = mesh.fixed[placed]
 
     def _move(self, mesh: Mesh, change: EditChange) -> None:
-        place_of = np.full(mesh.node_rows, -1, dtype=np.int32)
-        place_of[change.moved_nodes] = np.arange(len(change.moved_nodes))
+        order = np.argsort(change.moved_nodes)
         for array in (self.displacement, self.previous):
             carry_moved(
                 change.moved_nodes, change.moved_anchors, change.moved_weights,
-                change.old_moved_rest, place_of, mesh.rest, array,
+                change.old_moved_rest, order, mesh.rest, array,
             )  # fmt: skip
 
 

@@ -13,6 +13,9 @@ from tissue_sim.kernels.orderings import UNREACHED
 WHOLE_ORGAN = 10000
 """Cut-off level that means: no cut-off."""
 
+FEW = 8
+"""An order of fewer than one in so many nodes is forgotten node by node."""
+
 
 class NodeOrdering:
     """Nodes in breadth-first order from sources, level by level.
@@ -20,11 +23,14 @@ class NodeOrdering:
     Nodes that cannot be reached come last, by row.
     The search goes along springs and stitches and does not enter prescribed nodes that are no
     sources: nothing gets past a node that does not move. An edit keeps the levels: a copy takes its
-    parent's level and follows it in the order.
+    parent's level and follows it in the order. Keys that grow along the order, with room between
+    them, tell where a node is without anybody having to renumber those behind a copy.
 
     Attributes:
         nodes: Node rows in order; valid in [0, used), uint32.
         level: Level of each node row, -1 where not reached, shape (node_capacity,).
+        key: Number of each node row that grows along the order, -1 for none, int64, shape
+            (node_capacity,).
         used: Nodes in order.
         levels: Number of levels.
     """
@@ -37,18 +43,20 @@ class NodeOrdering:
     def _allocate(self, capacity: int) -> None:
         self.nodes = np.zeros(capacity, dtype=np.uint32)
         self.level = np.full(capacity, UNREACHED, dtype=np.int32)
+        self.key = np.full(capacity, UNREACHED, dtype=np.int64)
         self._level_start = np.zeros(capacity + 2, dtype=np.int32)
-        self._rank = np.full(capacity, UNREACHED, dtype=np.int32)
-        self._ranked = False
+        self.used = 0
 
     @property
     def rank(self) -> NDArray[np.int32]:
-        """Place of each node row in the order, -1 for none, shape (node_capacity,)."""
-        if not self._ranked:
-            self._rank[:] = UNREACHED
-            self._rank[self.nodes[: self.used]] = np.arange(self.used, dtype=np.int32)
-            self._ranked = True
-        return self._rank
+        """Place of each node row in the order, -1 for none, shape (node_capacity,); made anew."""
+        return self.places_of(np.arange(len(self.key), dtype=np.int32))
+
+    def places_of(self, nodes: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Place of nodes in the order, -1 for none, shape (len(nodes),)."""
+        places = np.empty(len(nodes), dtype=np.int32)
+        orderings.find_places(nodes, self.nodes, self.used, self.key, places)
+        return places
 
     def search(
         self,
@@ -61,23 +69,31 @@ class NodeOrdering:
         Args:
             sources: Rows of the nodes of level 0, sorted.
             prescribed: Nodes that do not move, shape (node_capacity,).
-            depth: Last level to visit; with one, nodes beyond it are left out.
+            depth: Last level to visit; with one, nodes beyond it are left out, and the time that it
+                takes does not depend on them.
         """
         mesh, arrays = self.springs.mesh, self.springs.arrays
-        if len(self.nodes) != mesh.node_capacity:
-            self._allocate(mesh.node_capacity)
-        self.level[:] = UNREACHED
-        self._ranked = False
+        self._forget(mesh.node_capacity)
         self._reached, self.levels = orderings.breadth_first(
             sources, arrays.start, self.springs.links, arrays.neighbour, prescribed,
             depth, self.level, self.nodes, self._level_start,
         )  # fmt: skip
-        if depth < WHOLE_ORGAN:
-            self.used = self._reached
-            return
-        self.used = orderings.append_rest(
-            mesh.node_rows, prescribed, mesh.node_alive, self.level, self.nodes, self._reached
-        )
+        self.used = self._reached
+        if depth >= WHOLE_ORGAN:
+            self.used = orderings.append_rest(
+                mesh.node_rows, prescribed, mesh.node_alive, self.level, self.nodes, self._reached
+            )
+        orderings.number(self.nodes, self.used, self.key)
+
+    def _forget(self, capacity: int) -> None:
+        """Begin without any node in order."""
+        if len(self.nodes) != capacity:
+            self._allocate(capacity)
+        elif self.used < capacity // FEW:
+            orderings.forget(self.nodes, self.used, self.level, self.key)
+        else:
+            self.level[:] = UNREACHED
+            self.key[:] = UNREACHED
 
     def end_of(self, level: int) -> int:
         """Place in `nodes` behind the last node of a level."""
@@ -86,7 +102,7 @@ class NodeOrdering:
     def follow(self, change: EditChange) -> None:
         """Put the copies an edit made behind their parents and take out what vanished.
 
-        Local but for one copy of the order.
+        Local but for moving up the part of `nodes` that lies behind.
         """
         capacity = self.springs.mesh.node_capacity
         extra = capacity - len(self.nodes)
@@ -94,7 +110,7 @@ class NodeOrdering:
             self.nodes = np.concatenate([self.nodes, np.zeros(extra, dtype=np.uint32)])
             more = np.full(extra, UNREACHED, dtype=np.int32)
             self.level = np.concatenate([self.level, more])
-            self._rank = np.concatenate([self._rank, more])
+            self.key = np.concatenate([self.key, more.astype(np.int64)])
             self._level_start = np.concatenate([self._level_start, np.zeros_like(more)])
         self._remove(change.vanished_nodes)
         self._insert(change.copied_nodes, change.copy_parents)
@@ -104,43 +120,33 @@ class NodeOrdering:
 
     def _take_back(self, nodes: NDArray[np.int32], like: NDArray[np.int32]) -> None:
         """Put nodes that are back behind others; at the end where those are not in the order."""
-        alone = nodes[self.rank[like] == UNREACHED]
+        alone = nodes[self.key[like] == UNREACHED]
         self._insert(nodes, like)
+        if not len(alone):
+            return
+        last = int(self.key[self.nodes[self.used - 1]]) if self.used else 0
         self.nodes[self.used : self.used + len(alone)] = alone
+        self.key[alone] = last + orderings.GAP * np.arange(1, len(alone) + 1)
         self.used += len(alone)
-        self._ranked = False
 
     def _remove(self, nodes: NDArray[np.int32]) -> None:
         """Take nodes out of the order."""
-        gone = nodes[self.rank[nodes] != UNREACHED]
+        gone = nodes[self.key[nodes] != UNREACHED]
         if not len(gone):
             return
-        keep = np.ones(self.used, dtype=np.bool_)
-        keep[self.rank[gone]] = False
-        kept = self.nodes[: self.used][keep]
-        self.nodes[: len(kept)] = kept
-        self.used = len(kept)
-        self._count_levels(gone, -1)
+        orderings.take_out(np.sort(self.places_of(gone)), self.nodes, self.used)
+        self.used -= len(gone)
+        self._reached -= orderings.count_levels(
+            gone, self.level, self.levels, -1, self._level_start
+        )
         self.level[gone] = UNREACHED
-        self._ranked = False
+        self.key[gone] = UNREACHED
 
     def _insert(self, news: NDArray[np.int32], behind: NDArray[np.int32]) -> None:
         """Put nodes behind others, those that are in the order, at the same level."""
-        places = self.rank[behind]
-        ordered = np.flatnonzero(places != UNREACHED)
-        if not len(ordered):
-            return
-        ordered = ordered[np.argsort(places[ordered], kind="stable")]
-        news, behind = news[ordered], behind[ordered]
-        self.level[news] = self.level[behind]
-        orderings.insert_behind(news, places[ordered], self.nodes, self.used)
-        self.used += len(news)
-        self._count_levels(news, 1)
-        self._ranked = False
-
-    def _count_levels(self, nodes: NDArray[np.int32], sign: int) -> None:
-        """Levels have so many nodes more, or fewer."""
-        reached = self.level[nodes][self.level[nodes] != UNREACHED]
-        added = np.cumsum(np.bincount(reached, minlength=self.levels))
-        self._level_start[1 : self.levels + 1] += sign * added.astype(np.int32)
-        self._reached += sign * len(reached)
+        along = np.argsort(self.key[behind], kind="stable")
+        self.used, reached = orderings.insert_copies(
+            news, behind, along, self.nodes, self.used, self.level, self.levels, self._level_start,
+            self.key,
+        )  # fmt: skip
+        self._reached += reached

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.ordering import NodeOrdering
-from tissue_sim.elastic.springs import REMOVED, SpringChange, SpringNetwork
+from tissue_sim.elastic.springs import SpringChange, SpringNetwork
+from tissue_sim.kernels.networks import REMOVED, STIFFER
 from tissue_sim.kernels.orderings import UNREACHED
 from tissue_sim.kernels.relaxation import (
     APART,
@@ -119,7 +120,7 @@ class _Listing:
         springs = self._springs
         while begin < end:
             begin, self.used = list_springs(
-                nodes.nodes, begin, end, nodes.rank, springs.arrays, springs.spring_of, self.used,
+                nodes.nodes, begin, end, nodes.key, springs.arrays, springs.spring_of, self.used,
                 self.list, self._place_of, self._turns,
             )  # fmt: skip
             if begin < end:
@@ -130,9 +131,11 @@ class _Listing:
         """Change, bury and append springs."""
         springs = self._springs.springs
         self._match_capacity()
-        self._make_room(len(change.rows) * LANES)
+        listed = change.kinds != STIFFER
+        rows, kinds = change.rows[listed], change.kinds[listed]
+        self._make_room(len(rows) * LANES)
         self.used = relist(
-            change.rows, change.kinds == REMOVED, springs.ends, springs.length,
+            rows, kinds == REMOVED, springs.ends, springs.length,
             self._springs.arrays.rest, self.used, self.list, self._place_of, self._nobody,
         )  # fmt: skip
 

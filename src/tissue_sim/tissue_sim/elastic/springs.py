@@ -16,11 +16,11 @@ from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.incidence import sorted_unique
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels import networks
+from tissue_sim.kernels.networks import REMOVED
 from tissue_sim.kernels.springs import TINY, SpringArrays
 
 EDGES_OF_TET = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 LIST_SLACK = 2
-CHANGED, MADE, REMOVED = 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class SpringChange:
     Attributes:
         version: Version of the mesh that the network followed.
         rows: Rows of the springs touched, shape (n,).
-        kinds: `CHANGED`, `MADE` or `REMOVED` for each, shape (n,).
+        kinds: `CHANGED`, `MADE`, `REMOVED` or `STIFFER` for each, shape (n,).
     """
 
     version: int
@@ -172,6 +172,7 @@ class SpringNetwork:
         most = int(self._lists.degree[nodes].sum(dtype=np.int64)) + 6 * len(change.elements)
         kinds, rows = np.empty(most, dtype=np.int8), np.empty(most, dtype=np.int32)
         self._scratch.among[nodes] = True
+        self._scratch.moved[change.moved_nodes] = True
         buried = self._buried.pop(change.edit.reverts, _no_rows())
         done = count = 0
         while done < len(nodes):
@@ -182,11 +183,13 @@ class SpringNetwork:
             if done < len(nodes):
                 self._make_room()
         self._scratch.among[nodes] = False
+        self._scratch.moved[change.moved_nodes] = False
         kinds, rows = kinds[:count], rows[:count]
         gone = rows[kinds == REMOVED]
-        ends = self.springs.ends[gone]
-        # An undo of this edit gives them their rows back.
-        self._buried[change.edit.version] = gone[np.lexsort((ends[:, 1], ends[:, 0]))]
+        if len(gone):
+            ends = self.springs.ends[gone]
+            # An undo of this edit gives them their rows back.
+            self._buried[change.edit.version] = gone[np.lexsort((ends[:, 1], ends[:, 0]))]
         return kinds, rows
 
     def _list_stitches(self) -> None:
@@ -336,7 +339,8 @@ class SpringNetwork:
 
 
 def _scratch(nodes: int) -> networks.Scratch:
-    return networks.Scratch(np.zeros(nodes, dtype=np.bool_), np.zeros(nodes))
+    marks = (np.zeros(nodes, dtype=np.bool_) for _ in range(2))
+    return networks.Scratch(*marks, np.zeros(nodes))
 
 
 def _no_rows() -> NDArray[np.int32]:

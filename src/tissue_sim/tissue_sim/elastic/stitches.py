@@ -32,7 +32,7 @@ class Stitches:
     def __init__(self, mesh: Mesh) -> None:
         """Take the mesh's sutures over."""
         self.mesh = mesh
-        self.follow()
+        self._take(mesh.sutures)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -44,8 +44,17 @@ class Stitches:
         return self.sewn.nodes
 
     def follow(self) -> None:
-        """Take the mesh's sutures over as they are now."""
-        table: Sutures = self.mesh.sutures
+        """Take the mesh's sutures over as they are now; most edits leave them as they were."""
+        before, now = self.sutures, self.mesh.sutures
+        self.sutures = now
+        if not (
+            np.array_equal(before.nodes, now.nodes)
+            and np.array_equal(before.lengths, now.lengths)
+            and np.array_equal(before.stiffness, now.stiffness)
+        ):
+            self._take(now)
+
+    def _take(self, table: Sutures) -> None:
         self.sutures = table
         self.threads = Threads(
             np.ascontiguousarray(table.nodes, dtype=np.int32).reshape(-1, 2),

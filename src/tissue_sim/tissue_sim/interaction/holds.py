@@ -85,7 +85,8 @@ class Holds:
     @property
     def rows(self) -> Rows:
         """Rows of all nodes held, sorted."""
-        return np.flatnonzero(self.owner != NOBODY).astype(np.int32)
+        # A node belongs to one hold only.
+        return np.sort(np.concatenate([_no_rows(), *(hold.rows for hold in self.by_id.values())]))
 
     @property
     def patches(self) -> list[Patch]:

@@ -49,7 +49,12 @@ class Scratch(NamedTuple):
     """Marks and sums by node, which loops leave as they found them: false and zero."""
 
     among: NDArray[np.bool_]
+    moved: NDArray[np.bool_]
     sums: NDArray[np.float64]
+
+
+CHANGED, MADE, REMOVED, STIFFER = 1, 2, 3, 4
+"""What an edit does to a spring; the last: its stiffness is another one, its edge is not."""
 
 
 @njit(cache=True, nogil=True)
@@ -235,9 +240,11 @@ def repair(
         elements: The mesh after the edit.
         kernel_rest: Rest positions in the kernel's precision, shape (node_capacity, 3).
         modulus: Young's modulus [Pa].
-        scratch: `among` marks the nodes; `sums` is zero, and zero again afterwards.
+        scratch: `among` marks the nodes, `moved` those whose rest position is another one; `sums`
+            is zero, and zero again afterwards.
         buried: Rows that springs made take over if they had the same ends, ascending by ends.
-        kind: What happened to each spring touched: 1 changed, 2 made, 3 removed; written.
+        kind: What happened to each spring touched: `CHANGED`, `MADE`, `REMOVED` or `STIFFER`;
+            written.
         touched: Its row; written.
         count: Springs touched so far.
 
@@ -245,7 +252,7 @@ def repair(
         The place to go on with (the number of nodes: all is done), rows of springs and places of
         the lists' data in use, and springs touched so far.
     """
-    among, sums = scratch
+    among, moved, sums = scratch
     longest = np.int64(0)
     for node in nodes:
         longest = np.int64(max(longest, lists.degree[node]))
@@ -257,12 +264,16 @@ def repair(
         needed = 2 * (np.int64(lists.degree[a]) + most) + 2 * most * (longest + most) + 8 * most + 8
         if rows + most > len(springs.ends) or used + needed > len(lists.neighbour):
             return place, rows, used, count
+        unlisted = 0
         for entry in range(first, last):
             element = elements.data[entry]
             for corner in range(4):
                 b = elements.tets[element, corner]
                 # Adding nothing is quicker than a branch nobody can foresee.
-                sums[b] += elements.volumes[element] * (b > a and among[b])
+                counts = (b > a) & among[b]
+                before = sums[b]
+                sums[b] = before + elements.volumes[element] * counts
+                unlisted += (before == 0.0) & counts
         at = np.int64(lists.start[a])
         end = at + np.int64(lists.degree[a])
         while at < end:
@@ -276,9 +287,10 @@ def repair(
                 _leave(lists, a, b)
                 _leave(lists, b, a)
                 end -= 1
-                kind[count], touched[count] = 3, spring
+                kind[count], touched[count] = REMOVED, spring
                 count += 1
                 continue
+            unlisted -= 1
             length = _distance(kernel_rest, a, b)
             stiffness = modulus * volume / (length * length)
             # Written without being read: reading would wait for memory.
@@ -288,9 +300,12 @@ def repair(
             if lists.length[at] != length_before or lists.stiffness[at] != stiffness_before:
                 other = _find(lists, b, a)
                 lists.length[other], lists.stiffness[other] = length, stiffness
-                kind[count], touched[count] = 1, spring
+                kind[count] = CHANGED if moved[a] or moved[b] else STIFFER
+                touched[count] = spring
                 count += 1
             at += 1
+        if unlisted == 0:
+            continue
         for entry in range(first, last):
             for corner in range(4):
                 b = elements.tets[elements.data[entry], corner]
@@ -310,7 +325,7 @@ def repair(
                 _enter(lists, a, b, spring, springs)
                 used = _make_room(lists, b, used)
                 _enter(lists, b, a, spring, springs)
-                kind[count], touched[count] = 2, spring
+                kind[count], touched[count] = MADE, spring
                 count += 1
     return len(nodes), rows, used, count
 

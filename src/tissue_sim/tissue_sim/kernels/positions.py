@@ -7,6 +7,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 
+@njit(cache=True, nogil=True)
+def _place_in(order, rows, row):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Place of a row in rows, which `order` puts in ascending order; -1: it is not there."""
+    low, high = 0, len(order)
+    while low < high:
+        middle = (low + high) // 2
+        if rows[order[middle]] < row:
+            low = middle + 1
+        else:
+            high = middle
+    if low < len(order) and rows[order[low]] == row:
+        return order[low]
+    return np.int64(-1)
+
+
 # No fastmath: it would let the compiler drop the test that finds a nan.
 @njit(cache=True, nogil=True, error_model="numpy")
 def place_nodes(
@@ -42,7 +57,7 @@ def carry_moved(
     anchors: NDArray[np.int32],
     weights: NDArray[np.float64],
     old_rest: NDArray[np.float64],
-    place_of: NDArray[np.int32],
+    order: NDArray[np.int64],
     rest: NDArray[np.float64],
     displacement: NDArray[np.floating],
 ) -> None:
@@ -53,7 +68,7 @@ def carry_moved(
         anchors: Rows of the anchors of each, shape (m, 4).
         weights: Weights of the anchors, shape (m, 4).
         old_rest: Rest positions of the moved nodes before [m], shape (m, 3).
-        place_of: Place of each node in `moved`, -1 for those not in it, shape (n,).
+        order: What puts `moved` in ascending order, shape (m,).
         rest: Rest positions now [m], shape (n, 3).
         displacement: Displacements [m], shape (n, 3); modified in place.
     """
@@ -61,7 +76,7 @@ def carry_moved(
     for k in range(len(moved)):
         for corner in range(4):
             anchor = anchors[k, corner]
-            was = place_of[anchor]
+            was = _place_in(order, moved, anchor)
             for axis in range(3):
                 before = old_rest[was, axis] if was >= 0 else rest[anchor, axis]
                 places[k, axis] += weights[k, corner] * (before + displacement[anchor, axis])

@@ -99,7 +99,7 @@ def list_springs(
     nodes: NDArray[np.uint32],
     begin: int,
     end: int,
-    rank: NDArray[np.int32],
+    key: NDArray[np.int64],
     springs: SpringArrays,
     spring_of: NDArray[np.int32],
     used: int,
@@ -127,7 +127,7 @@ def list_springs(
             return place, begun * LANES
         for entry in range(start[i], start[i] + degree[i]):
             j = neighbour[entry]
-            if 0 <= rank[j] < place:
+            if 0 <= key[j] < key[i]:
                 continue
             group = _with_room(max(ready[i], ready[j]), begun, free)
             while begun <= group:
