@@ -38,7 +38,7 @@ from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.patch import Patch
 from tissue_sim.interaction.reaction import NOTHING, wrench_on_tool
 from tissue_sim.interaction.seeding import Seeding
-from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, ToolSpec, blade
+from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, PATCH, ToolSpec, blade
 from tissue_sim.kernels.positions import nodes_within, place_nodes
 from tissue_sim.progressive import ProgressiveCuts
 from tissue_sim.scene import Scene
@@ -97,6 +97,7 @@ class Simulation:
         self._seeding = Seeding(mesh, self.scene.seeded_release)
         self._unseeded: list[NDArray[np.int32]] = []
         self.tools: dict[str, ToolSpec] = {}
+        self._pressed: dict[str, bool] = {}
         self.poses: dict[str, NDArray[np.float64]] = {}
         self.holds = Holds(mesh)
         self.blades = ProgressiveCuts(self)
@@ -179,6 +180,7 @@ class Simulation:
         self.blades.forget(tool)
         self.release(self.holds.of_tool(tool))
         del self.tools[tool], self.poses[tool]
+        self._pressed.pop(tool, None)
         self._tools_changed = True
 
     def build_model(self, name: str, parameters: Mapping[str, float]) -> Model:
@@ -385,6 +387,9 @@ class Simulation:
         if not edit.held_by or not len(rows):
             return 0
         tool = self.tools[edit.held_by]
+        if tool.kind == PATCH and not self._pressed.get(tool.id, False):
+            self._events.append(f"{tool.id} was released before its patch was there: it is free")
+            return 0
         by_force = tool.hold == FORCE
         # Releasing `use` lets go of it as of anything that the tool holds by being used.
         hold = self.holds.grab(
@@ -404,7 +409,7 @@ class Simulation:
     def _use_tools(self, samples: tuple[ToolSample, ...]) -> tuple[Cut, ...]:
         samples = tuple(sample for sample in samples if sample.tool in self.tools)
         for sample in samples:
-            self.poses[sample.tool] = sample.pose
+            self.poses[sample.tool], self._pressed[sample.tool] = sample.pose, sample.use
         cuts = self.blades.taken_over()
         for sample in samples:
             tool = self.tools[sample.tool]

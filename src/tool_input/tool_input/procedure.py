@@ -22,6 +22,7 @@ from tool_input.procedure_items import (
     stitching_of,
     sweep_of,
 )
+from tool_input.rim_items import HoleItem, hole_of, rim_of
 
 TOP_KEYS = ("title", "units", "frame_id", "tools", "timeline", "end")
 TOOL_KEYS = ("kind", "shape", "size", "start", "cutting", "response")
@@ -45,8 +46,13 @@ ACTIONS = {
     "tighten": ("length", "share"),
     "unsuture": (),
     "patch": (),
+    "sew_rim": ("name", "spacing", "running", "length", "share", "reach", "stiffness"),
+    "closure": ("loop", "reach", "depth"),
 }
 """Actions of the timeline, and the keys each may have besides itself and `at`."""
+
+SHAPES = {"cut": ("rectangle", "triangle"), "patch": ("rectangle",)}
+"""Shapes of tools that are no spheres."""
 
 DEFAULT_USE_SECONDS = 0.1
 
@@ -60,7 +66,7 @@ class ProcedureTool:
 
     Attributes:
         name: Its name in topics.
-        kind: "grab", "cut" or "burn".
+        kind: "grab", "cut", "burn" or "patch".
         shape: "sphere", "rectangle" or "triangle"; empty: as the scene has it.
         size: Its size [m] as in Tool.msg; empty: as the scene has it.
         start: Where it is before its first motion.
@@ -98,14 +104,15 @@ class Event:
     Attributes:
         time: When [s].
         action: One of `ACTIONS` but "move" and "use", which are taken apart when the file is read.
-        target: Tool, model, name of stitches or of a patch, or text of the label; empty where the
-            action needs none.
+        target: Tool, model, name of stitches, of a patch or of a hole, or text of the label; empty
+            where the action needs none.
         value: Radius [m] of a grab, rest length [m] of stitches (negative: as long as they are
             times -value), or whether to pause.
         method: Method of a cut; empty: the service's default.
         sweep: What a cut follows.
         stitching: What is sewn.
         patch: What patch is added.
+        hole: What hole is named or asked for.
         parameters: Parameters of a model.
         where: File and line.
     """
@@ -118,6 +125,7 @@ class Event:
     sweep: SweepShape | None = None
     stitching: Stitching | None = None
     patch: PatchItem | None = None
+    hole: HoleItem | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     where: str = ""
 
@@ -196,6 +204,7 @@ class _Reader:
         self.events: list[Event] = []
         self.sewn: set[str] = set()
         self.patched: set[str] = set()
+        self.holes: set[str] = set()
         self.levels: dict[str, list[tuple[float, bool, Item]]] = {name: [] for name in self.tools}
 
     def procedure(self) -> Procedure:
@@ -224,11 +233,11 @@ class _Reader:
                 "a tool's name must be letters, digits and _, not starting with a digit"
             )
         keys = item.mapping(TOOL_KEYS, ("kind", "start"))
-        kind = keys["kind"].one_of(("grab", "cut", "burn"))
+        kind = keys["kind"].one_of(("grab", "cut", "burn", "patch"))
         shape, size = "", ()
         if "shape" in keys or "size" in keys:
             item.mapping(TOOL_KEYS, ("shape", "size"))
-            shapes = ("rectangle", "triangle") if kind == "cut" else ("sphere",)
+            shapes = SHAPES.get(kind, ("sphere",))
             shape = keys["shape"].one_of(shapes)
             numbers = keys["size"].vector(SIZES[shape])
             if not (numbers > 0).all():
@@ -285,8 +294,10 @@ class _Reader:
             self._add(item, time, action, subject.text())
         elif action == "pause":
             self._add(item, time, action, value=float(subject.flag()))
-        elif action in ("suture", "tighten", "unsuture"):
+        elif action in ("suture", "sew_rim", "tighten", "unsuture"):
             self._sew(item, time, action, keys)
+        elif action == "closure":
+            self._hole(item, time, keys)
         elif action == "patch":
             self._patch(item, time, subject)
         elif action in ("reset", "undo", "redo"):
@@ -296,12 +307,14 @@ class _Reader:
 
     def _sew(self, item: Item, time: float, action: str, keys: dict[str, Item]) -> None:
         subject, stitching = keys[action], None
-        if action == "suture":
+        if action in ("suture", "sew_rim"):
             name = keys["name"].text() if "name" in keys else ""
             if name in (*self.sewn, ALL_SUTURES):
                 raise keys["name"].error(f"{name!r} is taken")
             self.sewn |= {name} - {""}
-            stitching = stitching_of(subject, keys, self.scale)
+            read = stitching_of if action == "suture" else rim_of
+            stitching = read(subject, keys, self.scale)
+            self._refuse_unknown(subject, stitching)
         else:
             name = subject.text()
             if name not in (*self.sewn, ALL_SUTURES):
@@ -312,6 +325,27 @@ class _Reader:
             raise item.error("must have either length or share")
         event = Event(time, action, name, length, stitching=stitching, where=item.where)
         self.events.append(event)
+
+    def _refuse_unknown(self, item: Item, stitching: Stitching) -> None:
+        for what, name, there in (
+            ("patch", stitching.patch, self.patched),
+            ("hole", stitching.hole, self.holes),
+        ):
+            if name and name not in there:
+                known = ", ".join(sorted(there)) or "none"
+                raise item.error(f"there is no {what} {name!r} before this step; known: {known}")
+
+    def _hole(self, item: Item, time: float, keys: dict[str, Item]) -> None:
+        name = keys["closure"].text()
+        hole = hole_of(item, keys, self.scale)
+        if len(hole.loop):
+            self.holes.add(name)
+        elif name not in self.holes:
+            known = ", ".join(sorted(self.holes)) or "none"
+            raise item.error(
+                f"no hole was named {name!r} before this step, with a loop; known: {known}"
+            )
+        self.events.append(Event(time, "closure", name, hole=hole, where=item.where))
 
     def _patch(self, item: Item, time: float, subject: Item) -> None:
         patch = patch_of(subject, self.scale)

@@ -51,7 +51,7 @@ def journal_events(entry: Message, tool_kinds: dict[str, str]) -> list[SessionEv
 
     Args:
         entry: A Journal message.
-        tool_kinds: "grab", "cut" or "burn" by tool.
+        tool_kinds: "grab", "cut", "burn" or "patch" by tool.
     """
     stamp, time, frame = nanoseconds(entry.header.stamp), float(entry.sim_time), int(entry.frame)
     events = [
@@ -77,6 +77,8 @@ def _edge_in_words(tool: str, kind: str, pressed: bool) -> str:
         return f"{tool} cuts" if pressed else f"{tool} is withdrawn"
     if kind == "burn":
         return f"{tool} burns" if pressed else f"{tool} burns no more"
+    if kind == PATCH:
+        return f"{tool} lays a patch" if pressed else f"{tool} lets go of its patch"
     return f"{tool} is pressed" if pressed else f"{tool} is released"
 
 

@@ -16,7 +16,7 @@ class DrawnTool:
 
     Attributes:
         id: Its name.
-        kind: "grab", "cut" or "burn".
+        kind: "grab", "cut", "burn" or "patch".
         shape: "sphere", "rectangle" or "triangle".
         size: As in Tool.size [m].
         state: "active", "frozen" or "free".

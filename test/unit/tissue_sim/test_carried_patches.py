@@ -132,3 +132,18 @@ def test_an_unknown_tool_and_a_hold_of_nothing_are_refused() -> None:
     assert not session.frame(edits=(nothing,)).answers[0].success
     assert session.simulation.mesh.version == before
     assert not len(session.simulation.holds)
+
+
+def test_a_patch_tool_that_was_released_meanwhile_carries_nothing() -> None:
+    session = Session()
+    layer = ToolSpec("layer", "patch", "rectangle", (0.02, 0.01)).checked()
+    session.frame(Command("set_tool", layer.as_arguments()))
+    for pressed in (True, False):
+        edit = replace(patch_edit(session.simulation.mesh, PLACE), held_by="layer")
+        pose = np.array(layer.pose)
+        sample = ToolSample("layer", pose, use=pressed, edge=1 if pressed else -1)
+        session.simulation.advance(FrameInputs(tools=(sample,)), Budget(steps=1))
+        frame = session.frame(edits=(edit,))
+        assert frame.answers[0].success
+        assert (frame.answers[0].values["hold_id"] > 0) == pressed
+        assert any("released before" in event for event in frame.events) != pressed

@@ -15,12 +15,12 @@ from tissue_sim.interaction import rigid
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 from tissue_sim.interaction.cut_response import CutResponse
 
-GRAB, CUT, BURN = "grab", "cut", "burn"
+GRAB, CUT, BURN, PATCH = "grab", "cut", "burn", "patch"
 AT_USE, PROGRESSIVE = "at_use", "progressive"
 CUTTING = (AT_USE, PROGRESSIVE)
 """How a blade cuts: once, where it is pressed, or all it passes while it is pressed."""
 SPHERE, RECTANGLE, TRIANGLE = "sphere", "rectangle", "triangle"
-SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE), BURN: (SPHERE,)}
+SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE), BURN: (SPHERE,), PATCH: (RECTANGLE,)}
 SIZE_WORDS = {
     SPHERE: "[radius]",
     RECTANGLE: "[length along x, depth along z]",
@@ -43,8 +43,8 @@ class ToolSpec:
 
     Attributes:
         id: The <tool> in tools/<tool>/servo_cp.
-        kind: grab, cut or burn.
-        shape: sphere for grab and burn; rectangle or triangle for cut.
+        kind: grab, cut, burn or patch.
+        shape: sphere for grab and burn; rectangle or triangle for cut; rectangle for patch.
         size: Its lengths [m], see `SIZE_WORDS`.
         pose: Where it is before a pose is received, in the organ frame: x y z [m] and quaternion.
         owner: Who set it.
@@ -167,7 +167,7 @@ def blade(
 
 
 def outline(spec: ToolSpec) -> NDArray[np.float64]:
-    """Corners of a blade in the tool's axes [m], in its xz plane, shape (n, 3).
+    """Corners of a blade or of a patch in the tool's axes [m], in its xz plane, shape (n, 3).
 
     They go round from x to z, so that the side k from corner k to the next has its outside to the
     right.
