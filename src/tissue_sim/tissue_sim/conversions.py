@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, fields
 from typing import Any
 
 import numpy as np
@@ -396,7 +396,7 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
     Raises:
         ValueError: The length of a list does not fit the others.
     """
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, Any] = {}
     dtypes: dict[str, type[np.generic]] = dict.fromkeys(_EDIT_IDS, np.uint32)
     dtypes |= dict.fromkeys(_EDIT_REALS, np.float64) | dict.fromkeys(_EDIT_KINDS, np.uint8)
     for name, dtype in dtypes.items():
@@ -423,7 +423,7 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
                 raise ValueError(
                     f"{other} has {len(arrays[other])} items, {name} {len(arrays[name])}"
                 )
-    edit = TopologyEdit(
+    return TopologyEdit(
         base_version=int(message.base_version),
         version=int(message.version),
         reverts=int(getattr(message, "reverts", 0)),
@@ -431,10 +431,9 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         kind=message.kind,
         author=message.author,
         request_id=message.request_id,
+        added_patches=tuple(map(patch_from_msg, getattr(message, "added_patches", ()))),
         **arrays,
     )
-    patches = tuple(map(patch_from_msg, getattr(message, "added_patches", ())))
-    return replace(edit, added_patches=patches)
 
 
 # Journal and cuts

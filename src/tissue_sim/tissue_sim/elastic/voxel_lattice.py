@@ -130,6 +130,12 @@ class VoxelLattice:
             elements, self.mesh.tets, self.mesh.rest, self._origin, self.spacing, size, low, count
         )
 
+    def covers(self, nodes: NDArray[np.int32]) -> bool:
+        """Whether nodes lie within the grid at rest."""
+        place = (self.mesh.rest[nodes] - self._origin) / self.spacing
+        low, high = -kernels.CLOSE, self._size - 1 + kernels.CLOSE
+        return bool(((place >= low) & (place <= high)).all())
+
     @property
     def capacity(self) -> int:
         """Rows of voxels there is room for."""

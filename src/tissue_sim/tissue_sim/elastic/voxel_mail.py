@@ -56,17 +56,22 @@ class VoxelMail(ForcelessModel):
         springs: SpringNetwork | None = None,
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
-        dtype, table = self.springs.dtype, self.springs.springs
+        table = self.springs.springs
         lengths = table.length[: self.springs.rows][table.alive[: self.springs.rows]]
         edge = float(lengths.mean()) if len(lengths) else 1.0
-        self.lattice = VoxelLattice(mesh, self.values["spacing"], edge, dtype)
-        self._chains = Chains(self.values, dtype, self.lattice.capacity)
-        self.displacement = np.zeros((self.lattice.capacity, 3), dtype)
-        self._prescribed = np.zeros(self.lattice.capacity, dtype=np.bool_)
+        self._cover(self.values["spacing"], edge)
         self._told, self._left_behind = False, True
         self._placed = [np.empty(0, dtype=np.int32)]
         self._listed = self._list(np.empty(0, dtype=np.int32), 0.0)
         self._held = np.empty(0, dtype=np.int32)
+
+    def _cover(self, spacing: float, edge: float) -> None:
+        """Lay voxels over the mesh, none of them displaced; see `VoxelLattice`."""
+        dtype = self.springs.dtype
+        self.lattice = VoxelLattice(self.mesh, spacing, edge, dtype)
+        self._chains = Chains(self.values, dtype, self.lattice.capacity)
+        self.displacement = np.zeros((self.lattice.capacity, 3), dtype)
+        self._prescribed = np.zeros(self.lattice.capacity, dtype=np.bool_)
 
     @property
     def visits(self) -> int:
@@ -139,8 +144,30 @@ class VoxelMail(ForcelessModel):
         self._placed.append(nodes.astype(np.int32))
 
     def topology_changed(self, change: EditChange, state: State) -> None:
-        """Follow an edit: parts that came apart around a voxel have voxels of their own."""
+        """Follow an edit: parts that came apart around a voxel have voxels of their own.
+
+        A patch beyond the voxels has all of them laid out anew.
+        """
         self.springs.follow(change)
+        if self.lattice.covers(change.born_nodes):
+            touched = self._renew(change, state)
+        else:
+            self._cover(0.0, self.lattice.spacing)
+            touched = np.empty(0, dtype=np.int32)
+            self._fit(state, np.arange(self.lattice.rows, dtype=np.int32))
+            self.events.append(
+                f"voxel_chain_mail: voxels {1e3 * self.lattice.spacing:.3g} mm apart are laid out "
+                "anew, since the patch is beyond those there were"
+            )
+        news = np.concatenate([change.copied_nodes, change.merged_into])
+        news = news[state.prescribed[news] & ~self.mesh.fixed[news]]
+        held = sorted_unique(np.concatenate([self._held, news]))
+        self._held = held[self.mesh.node_alive[held]]
+        self._prescribe(state)
+        self._chains.doubt(touched)
+
+    def _renew(self, change: EditChange, state: State) -> NDArray[np.int32]:
+        """Follow an edit within the voxels; rows of those it touched."""
         renewal = self.lattice.follow(change)
         capacity = self.lattice.capacity
         self._chains.reserve(capacity)
@@ -151,12 +178,7 @@ class VoxelMail(ForcelessModel):
         new = np.arange(renewal.used, self.lattice.rows, dtype=np.int32)
         self.displacement[new] = self.displacement[renewal.before]
         self._fit(state, new[renewal.before < 0])
-        news = np.concatenate([change.copied_nodes, change.merged_into])
-        news = news[state.prescribed[news] & ~self.mesh.fixed[news]]
-        held = sorted_unique(np.concatenate([self._held, news]))
-        self._held = held[self.mesh.node_alive[held]]
-        self._prescribe(state)
-        self._chains.doubt(renewal.touched)
+        return renewal.touched
 
     def _prescribe(self, state: State) -> None:
         """Find the voxels near prescribed nodes, and start from those near held ones."""
