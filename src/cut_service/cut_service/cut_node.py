@@ -19,6 +19,7 @@ from cut_service.errors import CutCode, CutError
 from cut_service.ledger import Ledger
 from cut_service.organ import organ_of
 from cut_service.outcome import Outcome
+from cut_service.patch_server import PatchServer
 from cut_service.planner import SHEET_METHOD, Plan, Report, Settings, plan
 from cut_service.strokes import Pick, Strip, Strokes
 from cut_service.suture_server import Followed, SutureServer
@@ -83,6 +84,7 @@ class CutNode(Node):
             self._replica, lambda: self._frames, self._shape_at, self._ask, self._newer_than
         )
         self._sutures = SutureServer(self, group, followed, self._settings.requests_remembered)
+        self._patches = PatchServer(self, group, followed, self._settings.requests_remembered)
         self.create_timer(WAKE_PERIOD, lambda: None)
         self.create_timer(1.0, self._publish_diagnostics)
         self.get_logger().info(f"ready (kernels compiled in {seconds:.1f} s)")

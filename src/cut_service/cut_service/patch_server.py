@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from geometry_msgs.msg import Pose
 from numpy.typing import NDArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from tissue_interfaces.msg import ToolList
+from tissue_interfaces.msg import Tool, ToolList
 from tissue_interfaces.srv import AddPatch, ApplyEdit
 
 from cut_service.errors import CutCode, CutError
@@ -23,6 +24,7 @@ from tissue_sim.frames import UnknownFrameError
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
+from tissue_sim.interaction.tools import PATCH, ToolSpec, outline
 
 TOOLS_COME = 2.0
 """Longest wait for the list of tools when a request names one [s]."""
@@ -58,12 +60,36 @@ class PatchServer:
         """Serve `tissue/add_patch`; arguments as for `SutureServer`."""
         self._node, self._followed = node, followed
         self._ledger: Ledger[Outcome] = Ledger(remembered)
-        self._tools: list[str] | None = None
-        node.create_subscription(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
+        self._tools: dict[str, Tool] = {}
+        node.create_subscription(
+            ToolList, "tissue/tools", self._on_tools, qos.LATCHED, callback_group=group
+        )
         node.create_service(AddPatch, "tissue/add_patch", self._on_request, callback_group=group)
 
-    def _on_tools(self, message: ToolList) -> None:
-        self._tools = [tool.id for tool in message.tools]
+    async def _on_tools(self, message: ToolList) -> None:
+        before = self._tools
+        self._tools = {tool.id: tool for tool in message.tools}
+        pressed = [
+            tool
+            for tool in message.tools
+            if tool.kind == PATCH and tool.pressed and tool.id in before
+            and tool.state != Tool.FROZEN and not before[tool.id].pressed
+        ]  # fmt: skip
+        for tool in pressed:
+            await self._lay(tool)
+
+    async def _lay(self, tool: Tool) -> None:
+        """Lay a patch of a tool's shape where the tool is."""
+        pose = conversions.pose_array(tool.pose)
+        spec = ToolSpec(tool.id, tool.kind, tool.shape, tuple(tool.size))
+        corners = rigid.to_world(pose, outline(spec))
+        normal = rigid.to_world(pose, np.array([[0.0, 1.0, 0.0]]))[0] - pose[:3]
+        wanted = Wanted(corners, normal, tool=tool.id)
+
+        def work(request_id: str) -> Awaitable[Outcome]:
+            return self._add(wanted, 0, tool.id, request_id)
+
+        await self._answered(uuid.uuid4().hex, work)
 
     async def _on_request(
         self, request: AddPatch.Request, response: AddPatch.Response
@@ -84,14 +110,20 @@ class PatchServer:
 
     async def _once(self, request: AddPatch.Request) -> Outcome:
         request.request_id = request.request_id or uuid.uuid4().hex
-        entry, is_new = self._ledger.open(request.request_id)
+        return await self._answered(request.request_id, lambda _: self._carry_out(request))
+
+    async def _answered(
+        self, request_id: str, work: Callable[[str], Awaitable[Outcome]]
+    ) -> Outcome:
+        """The outcome of a request; a repeat gets that of the first, done or not."""
+        entry, is_new = self._ledger.open(request_id)
         if not is_new:
             await Until(lambda: entry.answer is not None, PATIENCE)
             return entry.answer or Outcome(
                 PatchCode.SIMULATION_LOST, "the first request with this id is not answered yet"
             )
         try:
-            outcome = await self._carry_out(request)
+            outcome = await work(request_id)
         except PatchError as error:
             outcome = Outcome(error.code, str(error))
         except CutError as error:
@@ -107,15 +139,19 @@ class PatchServer:
     async def _carry_out(self, request: AddPatch.Request) -> Outcome:
         wanted = self._wanted(request)
         await self._refuse_unknown(wanted.tool)
-        named = await self._followed.shape_at(request.state_frame)
+        return await self._add(wanted, request.state_frame, request.author, request.request_id)
+
+    async def _add(self, wanted: Wanted, frame: int, author: str, request_id: str) -> Outcome:
+        """Plan, ask the simulation, and plan again when the tissue changed."""
+        named = await self._followed.shape_at(frame)
         epoch = self._followed.replica.epoch
-        shape, message = named if request.state_frame else None, ""
+        shape, message = named if frame else None, ""
         for attempt in range(1, ATTEMPTS + 1):
             shape = shape or await self._followed.shape_at(0)
             planned = plan_patch(self._mesh(), shape.positions, wanted)
             edit = replace(
-                planned.edit, base_frame=shape.frame, author=request.author,
-                request_id=f"{request.request_id}{f'~{attempt}' if attempt > 1 else ''}",
+                planned.edit, base_frame=shape.frame, author=author,
+                request_id=f"{request_id}{f'~{attempt}' if attempt > 1 else ''}",
             )  # fmt: skip
             if self._followed.replica.epoch != epoch:
                 raise PatchError(
@@ -167,19 +203,18 @@ class PatchServer:
     async def _refuse_unknown(self, tool: str) -> None:
         if not tool:
             return
-        await Until(lambda: tool in (self._tools or ()), TOOLS_COME)
-        known = self._tools or []
-        if tool not in known:
+        if not await Until(lambda: tool in self._tools, TOOLS_COME):
             raise PatchError(
                 PatchCode.UNKNOWN_TOOL,
-                f"there is no tool {tool!r}; known tools: {', '.join(known) or 'none'}",
+                f"there is no tool {tool!r}; known tools: {', '.join(self._tools) or 'none'}",
             )
 
     def _done(self, planned: PatchPlan, tool: str, answer: ApplyEdit.Response) -> Outcome:
         edit: TopologyEdit = conversions.edit_from_msg(answer.applied)
         patch = edit.added_patches[0]
+        words = planned.in_words(patch.name, tool if answer.hold_id else "")
         return Outcome(
-            PatchCode.NONE, planned.in_words(patch.name, tool), answer.version, planned, patch.id,
+            PatchCode.NONE, words, answer.version, planned, patch.id,
             patch.name, edit.born_nodes.copy(), int(answer.hold_id),
         )  # fmt: skip
 

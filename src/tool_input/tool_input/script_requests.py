@@ -12,9 +12,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Sweep
-from tissue_interfaces.srv import Cut, Grab, Release, SetModel, Suture, Undo
+from tissue_interfaces.srv import AddPatch, Cut, Grab, Release, SetModel, Suture, Undo
 
+from tool_input.patch_items import PatchItem
 from tool_input.procedure import ALL_SUTURES, Event, Procedure
+from tool_input.tool_topics import pose_message
 
 SERVICES = {
     "cut": (Cut, "tissue/cut"),
@@ -28,6 +30,7 @@ SERVICES = {
     "suture": (Suture, "tissue/suture"),
     "tighten": (Suture, "tissue/suture"),
     "unsuture": (Suture, "tissue/suture"),
+    "patch": (AddPatch, "tissue/add_patch"),
 }
 
 SEWING = {
@@ -121,6 +124,8 @@ class Requests:
             return Undo.Request(author=self._session, request_id=request_id)
         if event.action in SEWING:
             return self._sewing(event, request_id)
+        if event.patch is not None:
+            return self._patching(event.patch, request_id)
         return Trigger.Request()
 
     def _sewing(self, event: Event, request_id: str) -> Suture.Request:
@@ -138,6 +143,21 @@ class Requests:
         request.positions = wanted.positions.ravel().tolist()
         request.spacing, request.reach = float(wanted.spacing), float(wanted.reach)
         request.stiffness, request.running = float(wanted.stiffness), bool(wanted.running)
+        return request
+
+    def _patching(self, wanted: PatchItem, request_id: str) -> AddPatch.Request:
+        request = AddPatch.Request(
+            thickness=float(wanted.thickness), young_modulus=float(wanted.young_modulus),
+            density=float(wanted.density), edge_length=float(wanted.edge), name=wanted.name,
+            tool=wanted.tool, author=self._session, request_id=request_id,
+        )  # fmt: skip
+        request.header.frame_id = self._procedure.frame_id
+        request.pose = pose_message(wanted.pose)
+        numbers = wanted.corners.ravel().tolist()
+        if wanted.corners.shape[1] == 2:
+            request.outline = numbers
+        else:
+            request.corners = numbers
         return request
 
     def _sweep(self, event: Event) -> Sweep:
@@ -195,6 +215,12 @@ def _details(action: str, answer: Any) -> dict[str, Any]:  # a generated class
         }
     if action == "grab":
         return {"hold_id": answer.hold_id, "nodes": answer.nodes, "taken": answer.taken}
+    if action == "patch":
+        names = (
+            "patch_id", "patch_name", "nodes", "elements", "area", "edge_used", "quality_min",
+            "quality_mean", "overlap", "hold_id", "version", "error_code",
+        )  # fmt: skip
+        return {name: getattr(answer, name) for name in names}
     if action in SEWING:
         return {
             "sutures": list(answer.made),
