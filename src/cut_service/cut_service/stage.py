@@ -13,12 +13,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cut_service.patching import Wanted, plan_patch
 from cut_service.planner import METHODS, plan
+from cut_service.rim import patch_of, plan_rim
 from cut_service.suturing import Sewing, chosen, plan_removal, plan_sewing, plan_tightening
 from cut_service.sweep import Sweep
 from tissue_sim.frame import Budget, Command, Frame, FrameInputs, JournalEntry, ToolSample
+from tissue_sim.geometry.closure import Closure
 from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.holes import Hole, name_hole
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction import rigid
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
@@ -65,6 +70,7 @@ class Stage:
         simulation: The simulation.
         entries: Its journal.
         done: The requests carried out.
+        closures: Frame, name of the hole and its closure at each step that asked for it.
         events: What the simulation said.
         shape: Positions after the last frame [m], shape (node_rows, 3).
     """
@@ -81,6 +87,8 @@ class Stage:
         self.simulation = Simulation(mesh, scene)
         self.entries: list[JournalEntry] = []
         self.done: list[Done] = []
+        self.closures: list[tuple[int, str, Closure]] = []
+        self.holes: dict[str, Hole] = {}
         self.events: list[str] = []
         self.shape = mesh.rest[: mesh.node_rows].copy()
         self._budget = Budget(steps=steps)
@@ -112,6 +120,8 @@ class Stage:
                 edit = planner(self, event)
                 name = f"{event.action}-{event.time:g}"
                 self._edits.append((event, replace(edit, request_id=name)))
+            elif event.action == "closure":
+                self._ask(event)
             elif event.action in _COMMANDS:
                 kind, arguments = _COMMANDS[event.action](event)
                 self._commands.append((event, Command(kind, arguments)))
@@ -169,7 +179,10 @@ class Stage:
 
     def _remember(self, edit: TopologyEdit, events: list[Any]) -> None:
         for event in events:
-            if event.action == "suture" and edit.request_id == f"{event.action}-{event.time:g}":
+            if (
+                event.action in ("suture", "sew_rim")
+                and edit.request_id == f"{event.action}-{event.time:g}"
+            ):
                 self._sewn[event.target] = edit.added_sutures
 
     def _cut(self, event: Any) -> TopologyEdit:
@@ -184,6 +197,37 @@ class Stage:
             event.value,
         )  # fmt: skip
         return plan_sewing(self.simulation.mesh, self.shape, sewing)
+
+    def _patch(self, event: Any) -> TopologyEdit:
+        item = event.patch
+        corners, normal = item.corners, None
+        if corners.shape[1] == 2:
+            pose = np.concatenate([item.pose.position, item.pose.quaternion])
+            flat = np.append(corners, np.zeros((len(corners), 1)), axis=1)
+            corners = rigid.to_world(pose, flat)
+            normal = rigid.to_world(pose, np.array([[0.0, 0.0, 1.0]]))[0] - item.pose.position
+        wanted = Wanted(
+            corners, normal, item.thickness, item.young_modulus, item.density, item.edge, item.name,
+            item.tool,
+        )  # fmt: skip
+        return plan_patch(self.simulation.mesh, self.shape, wanted).edit
+
+    def _sew_rim(self, event: Any) -> TopologyEdit:
+        mesh, wanted = self.simulation.mesh, event.stitching
+        loop, reach = wanted.positions, wanted.reach
+        if wanted.hole:
+            loop = self.holes[wanted.hole].loop(mesh, self.shape)
+        sewing = Sewing(loop, wanted.spacing, wanted.running, reach, wanted.stiffness, event.value)
+        return plan_rim(mesh, self.shape, patch_of(mesh, 0, wanted.patch), sewing)
+
+    def _ask(self, event: Any) -> None:
+        mesh, wanted, name = self.simulation.mesh, event.hole, event.target
+        if len(wanted.loop):
+            self.holes[name] = name_hole(
+                mesh, self.shape, name, wanted.loop, wanted.reach, wanted.depth
+            )
+        closure = self.holes[name].closure(mesh, self.shape)
+        self.closures.append((self.simulation.frame, name, closure))
 
     def _tighten(self, event: Any) -> TopologyEdit:
         sutures = chosen(self.simulation.mesh.sutures, self._named(event.target), 0)
@@ -204,6 +248,8 @@ class Stage:
 _PLANNERS: dict[str, Callable[[Stage, Any], TopologyEdit]] = {
     "cut": Stage._cut,
     "suture": Stage._sew,
+    "patch": Stage._patch,
+    "sew_rim": Stage._sew_rim,
     "tighten": Stage._tighten,
     "unsuture": Stage._unsew,
 }

@@ -65,7 +65,7 @@ def sweep_of(item: Item, scale: float) -> tuple[NDArray[np.float64], NDArray[np.
     if len(keys) != 1:
         raise item.error("must be exactly one of rectangle, triangle and strip")
     if "triangle" in keys:
-        corners = _points(keys["triangle"], scale)
+        corners = points_of(keys["triangle"], scale)
         if len(corners) != 3:
             raise keys["triangle"].error(f"must have 3 points, not {len(corners)}")
         vertices, triangles = corners, np.array([[0, 1, 2]])
@@ -90,7 +90,7 @@ def _rectangle(item: Item, scale: float) -> tuple[NDArray[np.float64], NDArray[n
 
 def _strip(item: Item, scale: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     keys = item.mapping(("from", "to"), ("from", "to"))
-    first, second = _points(keys["from"], scale), _points(keys["to"], scale)
+    first, second = points_of(keys["from"], scale), points_of(keys["to"], scale)
     if len(first) != len(second) or len(first) < 2:
         raise item.error("from and to must have the same number of points, at least 2")
     count = len(first)
@@ -102,14 +102,17 @@ def _strip(item: Item, scale: float) -> tuple[NDArray[np.float64], NDArray[np.in
 
 @dataclass(frozen=True)
 class Stitching:
-    """What a `suture` step sews.
+    """What a `suture` or a `sew_rim` step sews.
 
     Attributes:
-        positions: Pairs, or two lines one after the other [m], shape (n, 3).
+        positions: Pairs, or two lines one after the other [m], shape (n, 3); of a rim: the edge of
+            the hole, or none.
         spacing: Distance of stitches along the lines [m]; 0: every pair is a stitch.
         running: Whether one thread makes all stitches.
         reach: Longest way from a position to a node [m]; 0: the service's default.
         stiffness: Of each stitch [N/m]; 0: the service's default.
+        patch: Patch whose rim it is; "": it is none.
+        hole: Hole whose edge a rim is sewn to; "": that in `positions`, or the closest tissue.
     """
 
     positions: NDArray[np.float64]
@@ -117,6 +120,8 @@ class Stitching:
     running: bool
     reach: float
     stiffness: float
+    patch: str = ""
+    hole: str = ""
 
 
 def stitching_of(item: Item, keys: dict[str, Item], scale: float) -> Stitching:
@@ -132,14 +137,14 @@ def stitching_of(item: Item, keys: dict[str, Item], scale: float) -> Stitching:
     if set(subject) == {"pairs"}:
         if "spacing" in keys:
             raise keys["spacing"].error("goes with from and to: pairs are stitches as they are")
-        pairs = [_points(pair, scale) for pair in subject["pairs"].list()]
+        pairs = [points_of(pair, scale) for pair in subject["pairs"].list()]
         if not pairs or any(len(pair) != 2 for pair in pairs):
             raise subject["pairs"].error("must be pairs of points, at least one")
         points = np.concatenate(pairs)
     elif set(subject) == {"from", "to"}:
         if "spacing" not in keys:
             raise item.error("from and to need the key 'spacing'")
-        lines = [_points(subject[name], scale) for name in ("from", "to")]
+        lines = [points_of(subject[name], scale) for name in ("from", "to")]
         if len(lines[0]) != len(lines[1]) or len(lines[0]) < 2:
             raise item.error("from and to must have the same number of points, at least 2")
         points = np.concatenate(lines)
@@ -163,5 +168,6 @@ def rest_length_of(item: Item, keys: dict[str, Item], scale: float) -> float:
     return -keys["share"].number(above=0.0) if "share" in keys else -1.0
 
 
-def _points(item: Item, scale: float) -> NDArray[np.float64]:
+def points_of(item: Item, scale: float) -> NDArray[np.float64]:
+    """Points written as lists of three numbers [m], shape (n, 3)."""
     return np.array([point.vector(3) for point in item.list()]) * scale

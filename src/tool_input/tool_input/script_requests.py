@@ -12,10 +12,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 from tissue_interfaces.msg import Sweep
-from tissue_interfaces.srv import AddPatch, Cut, Grab, Release, SetModel, Suture, Undo
+from tissue_interfaces.srv import AddPatch, Closure, Cut, Grab, Release, SetModel, Suture, Undo
 
 from tool_input.patch_items import PatchItem
 from tool_input.procedure import ALL_SUTURES, Event, Procedure
+from tool_input.rim_items import HoleItem
 from tool_input.tool_topics import pose_message
 
 SERVICES = {
@@ -31,14 +32,20 @@ SERVICES = {
     "tighten": (Suture, "tissue/suture"),
     "unsuture": (Suture, "tissue/suture"),
     "patch": (AddPatch, "tissue/add_patch"),
+    "sew_rim": (Suture, "tissue/suture"),
+    "closure": (Closure, "tissue/closure"),
 }
 
 SEWING = {
     "suture": Suture.Request.SEW,
+    "sew_rim": Suture.Request.SEW_RIM,
     "tighten": Suture.Request.TIGHTEN,
     "unsuture": Suture.Request.REMOVE,
 }
 """Actions of `tissue/suture`."""
+
+MAKES_SUTURES = ("suture", "sew_rim")
+"""Actions whose stitches have a name from then on."""
 
 
 class Requests:
@@ -126,6 +133,8 @@ class Requests:
             return self._sewing(event, request_id)
         if event.patch is not None:
             return self._patching(event.patch, request_id)
+        if event.hole is not None:
+            return self._closure(event.target, event.hole)
         return Trigger.Request()
 
     def _sewing(self, event: Event, request_id: str) -> Suture.Request:
@@ -143,6 +152,13 @@ class Requests:
         request.positions = wanted.positions.ravel().tolist()
         request.spacing, request.reach = float(wanted.spacing), float(wanted.reach)
         request.stiffness, request.running = float(wanted.stiffness), bool(wanted.running)
+        request.patch_name, request.hole = wanted.patch, wanted.hole
+        return request
+
+    def _closure(self, name: str, hole: HoleItem) -> Closure.Request:
+        request = Closure.Request(name=name, reach=float(hole.reach), depth=float(hole.depth))
+        request.header.frame_id = self._procedure.frame_id
+        request.positions = hole.loop.ravel().tolist()
         return request
 
     def _patching(self, wanted: PatchItem, request_id: str) -> AddPatch.Request:
@@ -186,7 +202,7 @@ class Requests:
             "milliseconds": round(1e3 * (time.monotonic() - sent), 3),
         }
         entry |= _details(event.action, answer)
-        if event.action == "suture" and answer.success and event.target:
+        if event.action in MAKES_SUTURES and answer.success and event.target:
             with self._lock:
                 self._sewn[event.target] = [int(suture) for suture in answer.made]
         self.log.append(entry)
@@ -221,6 +237,13 @@ def _details(action: str, answer: Any) -> dict[str, Any]:  # a generated class
             "quality_mean", "overlap", "hold_id", "version", "error_code",
         )  # fmt: skip
         return {name: getattr(answer, name) for name in names}
+    if action == "closure":
+        measured = ("covered", "by_patches", "area", "open_area", "gap", "edge_gap", "problem")
+        hole = answer.holes[0] if answer.holes else None
+        return {name: getattr(hole, name) for name in measured if hole is not None} | {
+            "version": answer.version,
+            "error_code": answer.error_code,
+        }
     if action in SEWING:
         return {
             "sutures": list(answer.made),
