@@ -16,6 +16,7 @@ ROS_SIDE = (
     "*/*_node.py",
     "*/conversions.py",
     "*/qos.py",
+    "cut_service/patch_server.py",
     "cut_service/proposals.py",
     "cut_service/suture_server.py",
     "cut_service/tissue_watch.py",
