@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cut_service.errors import CutCode, CutError
 from cut_service.removal import take_out
 from cut_service.work import Work
-from tissue_sim.geometry.edit import EditChange, TopologyEdit
+from tissue_sim.geometry.edit import NO_PARENT, EditChange, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 
 Rows = NDArray[np.int32]
@@ -182,6 +182,8 @@ class Burns:
     def follow(self, mesh: Mesh, change: EditChange) -> None:
         """Follow an edit: parts of an element are as hot as it was; what comes back is cold.
 
+        A patch is cold too.
+
         Args:
             mesh: The mesh, after the edit.
             change: What the edit touched.
@@ -189,8 +191,10 @@ class Burns:
         self._make_room(mesh.element_rows)
         edit = change.edit
         added = mesh.element_rows_of(edit.added_elements)
+        parents = edit.added_parents.astype(np.int64)
+        descends = parents != NO_PARENT
         # Parents may be gone by now: within a session ids are rows.
-        self.energy[added] = self.energy[edit.added_parents.astype(np.int64)]
+        self.energy[added] = np.where(descends, self.energy[np.where(descends, parents, 0)], 0.0)
         self.energy[mesh.element_rows_of(edit.returned_elements)] = 0.0
 
     def _make_room(self, rows: int) -> None:

@@ -14,8 +14,10 @@ from rclpy.task import Future
 from tissue_interfaces import msg as messages
 from tissue_interfaces.srv import ApplyEdit, Cut
 
+from cut_service.closure_server import ClosureServer
 from cut_service.cut_parameters import SPECS, CutParameters
 from cut_service.errors import CutCode, CutError
+from cut_service.hole_book import HoleBook
 from cut_service.ledger import Ledger
 from cut_service.organ import organ_of
 from cut_service.outcome import Outcome
@@ -83,7 +85,11 @@ class CutNode(Node):
         followed = Followed(
             self._replica, lambda: self._frames, self._shape_at, self._ask, self._newer_than
         )
-        self._sutures = SutureServer(self, group, followed, self._settings.requests_remembered)
+        book = HoleBook()
+        self._sutures = SutureServer(
+            self, group, followed, self._settings.requests_remembered, book
+        )
+        self._closure = ClosureServer(self, group, followed, book)
         self._patches = PatchServer(self, group, followed, self._settings.requests_remembered)
         self.create_timer(WAKE_PERIOD, lambda: None)
         self.create_timer(1.0, self._publish_diagnostics)
@@ -367,7 +373,8 @@ class CutNode(Node):
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         watch = self._watch.status(self.get_fully_qualified_name())
-        array = DiagnosticArray(status=[watch, status])
+        closure = self._closure.status(self.get_fully_qualified_name())
+        array = DiagnosticArray(status=[watch, closure, status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

@@ -48,9 +48,11 @@ def patch_of(mesh: Mesh, patch_id: int, name: str) -> Patch:
         found = [patch for patch in there if name in ("", patch.name)]
     if len(found) == 1:
         return found[0]
-    wanted = f"patch {patch_id or name}".strip() if patch_id or name else "which patch is not said"
-    why = "the organ has several" if len(found) > 1 else "there is none such"
-    raise SutureError(SutureCode.UNKNOWN_PATCH, f"{wanted}: {why}; patches: {known}")
+    if found:
+        why = "the organ has several patches and none is named"
+    else:
+        why = f"there is no patch {patch_id or name or 'to be sewn'}"
+    raise SutureError(SutureCode.UNKNOWN_PATCH, f"{why}; patches: {known}")
 
 
 @dataclass(frozen=True)

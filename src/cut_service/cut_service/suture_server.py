@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from tissue_interfaces.srv import ApplyEdit, Suture
 
 from cut_service.errors import CutCode, CutError
+from cut_service.hole_book import ClosureError, HoleBook
 from cut_service.ledger import Ledger
+from cut_service.rim import patch_of, plan_rim
 from cut_service.suturing import (
+    FARTHEST_REACH,
     Sewing,
     SutureCode,
     SutureError,
@@ -28,6 +32,7 @@ from cut_service.waiting import Until
 from tissue_sim import conversions
 from tissue_sim.frames import Frames, UnknownFrameError
 from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.holes import HoleLostError
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sutures import Sutures
 from tissue_sim.replica import Replica, Shape
@@ -90,7 +95,12 @@ class SutureServer:
     """Plans sutures on the node's replica and asks the simulation to apply them."""
 
     def __init__(
-        self, node: Node, group: CallbackGroup, followed: Followed, remembered: int
+        self,
+        node: Node,
+        group: CallbackGroup,
+        followed: Followed,
+        remembered: int,
+        book: HoleBook,
     ) -> None:
         """Serve `tissue/suture`.
 
@@ -99,8 +109,9 @@ class SutureServer:
             group: Callback group of handlers that wait.
             followed: What it knows of the organ.
             remembered: Requests whose answers are kept.
+            book: Holes that have a name.
         """
-        self._node, self._followed = node, followed
+        self._node, self._followed, self._book = node, followed, book
         self._ledger: Ledger[Outcome] = Ledger(remembered)
         node.create_service(Suture, "tissue/suture", self._on_suture, callback_group=group)
 
@@ -176,7 +187,7 @@ class SutureServer:
         """What to plan, checked as far as that goes without the tissue."""
         actions = Suture.Request
         ids = conversions.array_of(request.sutures, np.uint32).copy()
-        if request.action == actions.SEW:
+        if request.action in (actions.SEW, actions.SEW_RIM):
             numbers = conversions.array_of(request.positions, np.float64)
             if numbers.size % 3:
                 raise SutureError(
@@ -186,10 +197,12 @@ class SutureServer:
                 numbers.reshape(-1, 3).copy(), request.spacing, request.running, request.reach,
                 request.stiffness, request.length,
             )  # fmt: skip
+            if request.action == actions.SEW_RIM:
+                return lambda mesh, shape: self._sewing_rim(mesh, shape, wanted, request)
             return lambda mesh, shape: self._sewing(mesh, shape, wanted, request.header.frame_id)
         if request.action not in (actions.TIGHTEN, actions.REMOVE, actions.LIST):
             raise SutureError(
-                SutureCode.INVALID, f"unknown action {request.action}; allowed: 0 to 3"
+                SutureCode.INVALID, f"unknown action {request.action}; allowed: 0 to 4"
             )
 
         def plan(mesh: Mesh, shape: Shape) -> _Planned:
@@ -202,17 +215,34 @@ class SutureServer:
         return plan
 
     def _sewing(self, mesh: Mesh, shape: Shape, wanted: Sewing, frame_id: str) -> _Planned:
+        here = replace(wanted, positions=self._in_organ(wanted, frame_id))
+        return _planned(mesh, plan_sewing(mesh, shape.positions, here))
+
+    def _sewing_rim(
+        self, mesh: Mesh, shape: Shape, wanted: Sewing, request: Suture.Request
+    ) -> _Planned:
+        here = replace(wanted, positions=self._in_organ(wanted, request.header.frame_id))
+        patch = patch_of(mesh, int(request.patch), request.patch_name)
+        if request.hole:
+            if len(wanted.positions):
+                raise SutureError(
+                    SutureCode.INVALID, "both positions and a hole; allowed: either of them"
+                )
+            try:
+                hole = self._book.hole(self._followed.replica.epoch, request.hole)
+                loop = hole.loop(mesh, shape.positions)
+            except (ClosureError, HoleLostError) as error:
+                raise SutureError(SutureCode.UNKNOWN_HOLE, str(error)) from None
+            # Its edge is on the tissue: how far the next node is depends on the mesh only.
+            here = replace(here, positions=loop, reach=wanted.reach or FARTHEST_REACH)
+        return _planned(mesh, plan_rim(mesh, shape.positions, patch, here))
+
+    def _in_organ(self, wanted: Sewing, frame_id: str) -> NDArray[np.float64]:
         try:
             frames = self._followed.frames()
-            points = frames.points_in_organ(frame_id or frames.organ, wanted.positions)
+            return frames.points_in_organ(frame_id or frames.organ, wanted.positions)
         except UnknownFrameError as error:
             raise SutureError(SutureCode.UNKNOWN_FRAME, str(error)) from None
-        edit = plan_sewing(mesh, shape.positions, replace(wanted, positions=points))
-        made = Sutures(
-            edit.added_sutures, mesh.node_rows_of(edit.suture_nodes), edit.suture_lengths,
-            edit.suture_stiffness, edit.suture_groups,
-        )  # fmt: skip
-        return _Planned(edit, made)
 
     def _done(
         self, planned: _Planned, edit: TopologyEdit, shape: Shape, answer: ApplyEdit.Response
@@ -243,3 +273,11 @@ class SutureServer:
         if mesh is None:
             raise SutureError(SutureCode.NO_TISSUE, "no topology has been received yet")
         return mesh
+
+
+def _planned(mesh: Mesh, edit: TopologyEdit) -> _Planned:
+    made = Sutures(
+        edit.added_sutures, mesh.node_rows_of(edit.suture_nodes), edit.suture_lengths,
+        edit.suture_stiffness, edit.suture_groups,
+    )  # fmt: skip
+    return _Planned(edit, made)

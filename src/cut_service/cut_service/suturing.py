@@ -240,8 +240,8 @@ def _spread(
     one: NDArray[np.float64], other: NDArray[np.float64], spacing: float
 ) -> NDArray[np.float64]:
     """Points spread evenly along two lines, as many on both [m], shape (n, 2, 3)."""
-    longest = max(_ways(one)[-1], _ways(other)[-1])
-    count = min(round(longest / spacing) + 1, MOST_STITCHES + 1)
+    longest = float(max(_ways(one)[-1], _ways(other)[-1]))
+    count = round(min(longest / spacing, MOST_STITCHES)) + 1
     return np.stack([_along(one, count), _along(other, count)], axis=1)
 
 

@@ -14,6 +14,8 @@ from cut_service.tearing import TearSettings, plan_tear
 from cut_service.unswept import work_without_sweep
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.geometry.closure import Pieces, measure
+from tissue_sim.geometry.holes import Surface, name_hole
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.geometry.sheet_geometry import CONNECTED, SheetSettings, surface_of, with_sheet
@@ -41,6 +43,7 @@ def warm_up() -> float:
             sweep = Sweep.between(np.array([low, middle]), np.array([far, high]))
             mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], sweep, method).edit)
     _tear_and_burn(Mesh(tissue))
+    _measure_a_hole(Mesh(tissue))
     return time.perf_counter() - begin
 
 
@@ -59,6 +62,17 @@ def _tear_and_burn(mesh: Mesh) -> None:
     touch = Touch(middle, 0.3 * size, 1e6)
     gone = Burns().heat(mesh, places, [touch], BurnSettings(energy_density=1.0))
     mesh.apply(plan_burn(work_without_sweep(mesh, places), gone))
+
+
+def _measure_a_hole(mesh: Mesh) -> None:
+    """Name a face of a block a hole, and measure how a triangle closes it."""
+    places = mesh.rest[: mesh.node_rows]
+    low, high = places.min(axis=0), places.max(axis=0)
+    corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+    hole = name_hole(mesh, places, "face", low + corners * (high - low))
+    loop = hole.loop(mesh, places)
+    triangle = Pieces(loop[None, :3].copy(), np.ones(1, dtype=np.int32), np.ones(1) * 1e-3)
+    measure(loop, 1.0, triangle, places[Surface.of(mesh).tissue])
 
 
 if __name__ == "__main__":

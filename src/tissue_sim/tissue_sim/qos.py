@@ -36,8 +36,8 @@ USE = _profile(100)
 """tools/<tool>/use and tools/<tool>/clutch: every edge counts."""
 
 LATCHED = _profile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""tissue/topology, tissue/status, tissue/tools, tissue/material, tissue/held_nodes: late joiners
-get the newest."""
+"""tissue/topology, tissue/status, tissue/tools, tissue/material, tissue/held_nodes, tissue/holes:
+late joiners get the newest."""
 
 EDITS = _profile(1024, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """tissue/edits: late joiners get the keyframe, then the newer edits (see MAX_UNKEYED_EDITS)."""

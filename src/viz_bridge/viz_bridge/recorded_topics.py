@@ -55,6 +55,7 @@ FIXED = (
     RecordedTopic("tissue/edits", _ours("TopologyEdit"), qos.EDITS, latched=True),
     RecordedTopic("tissue/status", _ours("Status"), qos.LATCHED, latched=True),
     RecordedTopic("tissue/tools", _ours("ToolList"), qos.LATCHED, latched=True),
+    RecordedTopic("tissue/holes", _ours("Holes"), qos.LATCHED, latched=True),
     RecordedTopic("tissue/cut_request", _ours("CutRequest"), qos.CUT_REQUEST),
     RecordedTopic("script/event", "std_msgs/msg/String", _TEXTS, latched=True),
     RecordedTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", qos.DIAGNOSTICS),

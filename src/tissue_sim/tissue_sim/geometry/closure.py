@@ -286,11 +286,25 @@ def _widest(disc: Disc, is_open: NDArray[np.bool_]) -> tuple[float, Reals]:
     """Diameter of the largest circle in what is open, and its centre."""
     if not is_open.any():
         return 0.0, np.full(3, np.nan)
+    spacing = disc.grid.spacing
     away = distance_transform_edt(np.pad(is_open, 1))[1:-1, 1:-1]
     i, j = np.unravel_index(int(np.argmax(away)), away.shape)
-    # The border runs between two samples, on average half way.
-    radius = (float(away[i, j]) - 0.5) * disc.grid.spacing
+    place = disc.grid.origin + spacing * (np.array([i, j]) + 0.5)
+    radius = _to_line(place, disc.loop[:, :2])
+    closed = np.argwhere(disc.grid.inside & ~is_open)
+    if len(closed):
+        # The border of what is closed runs between two samples, on average half way.
+        nearest = np.sqrt(np.square(closed - np.array([i, j])).sum(axis=1).min())
+        radius = min(radius, (float(nearest) - 0.5) * spacing)
     return 2.0 * radius, disc.place(int(i), int(j))
+
+
+def _to_line(place: Reals, loop: Reals) -> float:
+    """Distance of a place from a closed line, both in the plane [m]."""
+    sides = np.roll(loop, -1, axis=0) - loop
+    squares = np.maximum(np.einsum("ij,ij->i", sides, sides), 1e-300)
+    along = np.clip(np.einsum("ij,ij->i", place - loop, sides) / squares, 0.0, 1.0)
+    return float(np.linalg.norm(loop + along[:, None] * sides - place, axis=1).min())
 
 
 def _farthest_of_edge(loop: Reals, spacing: float, patches: Reals) -> tuple[float, Reals]:
