@@ -1,4 +1,6 @@
-"""Thousands of random cuts and undos, each checked for all that a cut owes; see docs/cutting.md.
+"""Thousands of random edits and undos, each checked for all that it owes; see docs/cutting.md.
+
+Cuts by each method (`study`), and sessions of cuts, tears, burns and stitches (`session_study`).
 
 python3 -m cut_service.property_study --out docs/results/cut_properties.json
 """
@@ -17,10 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cut_service import session_study
 from cut_service.errors import CutCode, CutError
 from cut_service.planner import METHODS, Settings, plan
+from cut_service.random_edits import WAYS, wave
 from cut_service.sweep import Sweep
-from cut_service.validity import Validity, lists_of, look_at
+from cut_service.trial import VOLUME_KEPT, VOLUME_SNAPPED, remembered
+from cut_service.validity import Validity, look_at
 from tissue_sim.bench import machine
 from tissue_sim.elastic.model import State
 from tissue_sim.geometry.edit_history import EditHistory
@@ -35,19 +40,13 @@ ORGANS: dict[str, Callable[[], RawMesh]] = {
     "shell": lambda: sphere_shell(subdivisions=3, layers=2),
     "heart": heart,
 }
-RUNS = {"wall": 300, "shell": 150, "heart": 4}
+RUNS = {"wall": 300, "shell": 150, "heart": 16}
 """Runs of each organ by each method; a run is `CUTS_IN_A_RUN` sweeps, all undone, some redone."""
 CUTS_IN_A_RUN = 4
+SPOT_SESSIONS = ("wall", "wall, connected surfaces")
+"""Organs whose first session is made again to see whether it still comes out so."""
 SHARES = (0.05, 0.15, 0.4, 3.0)
 """Half widths of sweeps as shares of the organ: from scratches to right through."""
-VOLUME_KEPT = 1e-9
-VOLUME_SNAPPED = 1e-3
-WAYS: dict[str, tuple[str, Settings]] = {
-    "split": ("split", Settings()),
-    "split, not snapped": ("split", Settings(snap=False)),
-    "subdivide": ("subdivide", Settings()),
-    "remove": ("remove", Settings()),
-}
 
 
 @dataclass
@@ -102,25 +101,6 @@ def _square(
     return Sweep.from_arrays(corners, [[0, 1, 2], [0, 2, 3]]), axes[2]
 
 
-def _bent(points: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-    """Displacements of a smooth deformation [m]: a wave along a random direction."""
-    size = np.ptp(points, axis=0).max()
-    along, way = random.normal(size=(2, 3))
-    along, way = along / np.linalg.norm(along), way / np.linalg.norm(way)
-    wave = np.sin(4.0 * (points - points.mean(axis=0)) @ along / size + random.uniform(0, 6))
-    return np.asarray(0.04 * size * wave[:, None] * way)
-
-
-def remembered(mesh: Mesh) -> list[bytes]:
-    """All that lives in a mesh, bit for bit."""
-    nodes, elements = np.flatnonzero(mesh.node_alive), np.flatnonzero(mesh.element_alive)
-    arrays = (
-        nodes, mesh.rest[nodes], mesh.fixed[nodes], elements, mesh.tets[elements],
-        mesh.regions[elements], lists_of(mesh),
-    )  # fmt: skip
-    return [array.tobytes() for array in arrays]
-
-
 def run(tally: Tally, seed: int) -> None:
     """Cut an organ a few times, take everything back and make some of it again."""
     random = np.random.default_rng([seed, tally.runs])
@@ -129,7 +109,7 @@ def run(tally: Tally, seed: int) -> None:
     state = State(mesh, np.float64)
     if random.integers(2):
         rows = mesh.node_rows
-        state.displacement[:rows] = _bent(mesh.rest[:rows], random)
+        state.displacement[:rows] = wave(mesh.rest[:rows], random)
         state.previous[:rows] = state.displacement[:rows]
     seen, before = [remembered(mesh)], look_at(mesh)
     for _ in range(CUTS_IN_A_RUN):
@@ -200,7 +180,7 @@ def _back_and_forth(
     mesh: Mesh,
     state: State,
     history: EditHistory,
-    seen: list[list[bytes]],
+    seen: list[dict[str, str]],
     random: np.random.Generator,
 ) -> None:
     """Undo everything, make some of it again, and undo that."""
@@ -258,6 +238,12 @@ def spot(seed: int = SEED) -> list[Tally]:
     return [study(organ, way, 3, seed) for organ in ("wall", "shell") for way in WAYS]
 
 
+def spot_session(organ: str, seed: int = SEED) -> session_study.SessionTally:
+    """The first session of an organ, to see whether it still comes out so."""
+    *_, tally = session_study.sessions(organ, 1, seed)
+    return tally
+
+
 _COLUMNS: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
     ("organ", lambda r: r["organ"]),
     ("method", lambda r: r["way"]),
@@ -280,28 +266,67 @@ def as_markdown(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Run from the command line."""
-    parser = argparse.ArgumentParser(description="random cuts and undos, checked")
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--share", type=float, default=1.0, help="of the runs to make")
-    parser.add_argument("--organs", nargs="*", default=list(ORGANS), choices=list(ORGANS))
-    parser.add_argument("--out", type=Path)
-    chosen = parser.parse_args()
-    begin = time.perf_counter()
-    rows = []
-    for organ in chosen.organs:
+def _cuts(share: float, organs: list[str], seed: int) -> list[dict[str, Any]]:
+    begin, rows = time.perf_counter(), []
+    for organ in organs:
         for way in WAYS:
-            tally = study(organ, way, max(1, round(chosen.share * RUNS[organ])), chosen.seed)
+            tally = study(organ, way, max(1, round(share * RUNS[organ])), seed)
             rows.append(asdict(tally))
             print(
                 f"{organ}, {way}: {tally.cuts} cuts, {tally.missed} missed, {tally.undone} undone, "
                 f"{len(tally.faults)} faults, {time.perf_counter() - begin:.0f} s", flush=True,
             )  # fmt: skip
-    result: dict[str, Any] = {
-        "machine": machine(), "seed": chosen.seed, "methods": list(METHODS), "rows": rows,
-        "spot": [asdict(tally) for tally in spot(chosen.seed)],
-    }  # fmt: skip
+    return rows
+
+
+def _sessions(share: float, organs: list[str], seed: int) -> list[dict[str, Any]]:
+    begin, rows = time.perf_counter(), []
+    for organ in organs:
+        number = max(1, round(share * session_study.SESSIONS[organ]))
+        tally = session_study.SessionTally(organ)
+        for tally in session_study.sessions(organ, number, seed):
+            print(
+                f"{organ}, session {tally.sessions} of {number}: {sum(tally.done.values())} edits, "
+                f"{len(tally.faults)} faults, {time.perf_counter() - begin:.0f} s", flush=True,
+            )  # fmt: skip
+        if organ != "heart":
+            session_study.part_in_two(tally, max(1, round(share * session_study.PLANES)), seed)
+        rows.append(asdict(tally))
+    return rows
+
+
+def main() -> None:
+    """Run from the command line; what is not asked for is kept as the result has it."""
+    parser = argparse.ArgumentParser(description="random edits and undos, checked")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--share", type=float, default=1.0, help="of the runs to make")
+    parser.add_argument("--only", choices=("cuts", "sessions"), help="default: both")
+    parser.add_argument("--organs", nargs="*", help="of which; default: all there are")
+    parser.add_argument("--out", type=Path)
+    chosen = parser.parse_args()
+    result: dict[str, Any] = {}
+    if chosen.out is not None and chosen.out.exists():
+        result = json.loads(chosen.out.read_text(encoding="utf-8"))
+    result |= {"machine": machine(), "seed": chosen.seed, "methods": list(METHODS)}
+
+    def keep(name: str, rows: list[dict[str, Any]], order: list[str]) -> None:
+        new = {row["organ"] for row in rows}
+        rows += [row for row in result.get(name, []) if row["organ"] not in new]
+        result[name] = sorted(rows, key=lambda row: order.index(row["organ"]))
+
+    def wanted(organs: list[str]) -> list[str]:
+        return [organ for organ in organs if chosen.organs is None or organ in chosen.organs]
+
+    if chosen.only != "sessions":
+        organs = list(ORGANS)
+        keep("rows", _cuts(chosen.share, wanted(organs), chosen.seed), organs)
+        result["spot"] = [asdict(tally) for tally in spot(chosen.seed)]
+    if chosen.only != "cuts":
+        organs = list(session_study.ORGANS)
+        keep("sessions", _sessions(chosen.share, wanted(organs), chosen.seed), organs)
+        result["spot_sessions"] = [
+            asdict(spot_session(organ, chosen.seed)) for organ in SPOT_SESSIONS
+        ]
     if chosen.out is not None:
         chosen.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 

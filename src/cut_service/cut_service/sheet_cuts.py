@@ -207,7 +207,15 @@ def _snapped(work: SheetWork, crossing: Crossing, lips: Lips) -> SheetSnapping:
         work.sweep,
         work.settings.quality_floor,
         float(np.cos(work.settings.crease_angle)),
+        work.settings.volume_budget * _tissue(work),
     )
+
+
+def _tissue(work: SheetWork) -> float:
+    """Volume of what the triangles stand for at rest [m^3]."""
+    solid = work.of_kind(0)
+    areas = triangle_areas(work.mesh.rest[: work.mesh.node_rows], work.mesh.tets[solid, :3])
+    return float(areas @ work.rows.tissue[solid])
 
 
 def _across(work: SheetWork, lips: Lips) -> dict[int, set[int]]:

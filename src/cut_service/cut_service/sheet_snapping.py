@@ -3,7 +3,8 @@
 Where the sweep crosses an edge there is a place that lies on the surface and on the sweep. A node
 that an edge gave up goes to the nearest such place, so that it stays on the surface whatever its
 shape. Nodes of a border or a crease go along border or crease only. Steps are halved until no
-triangle turns over and none gets worse than the floor of quality, at rest and as deformed.
+triangle turns over and none gets worse than the floor of quality, at rest and as deformed, and the
+tissue at rest does not get more or less than a cut may change.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ def snap(
     sweep: Sweep,
     floor: float,
     crease_cosine: float,
+    budget: float,
 ) -> SheetSnapping:
     """Find where the nodes of a cut go.
 
@@ -67,6 +69,7 @@ def snap(
         sweep: What the cut follows.
         floor: Least quality of a triangle, 1 for an equilateral one.
         crease_cosine: Cosine of the angle between triangles above which their edge is a crease.
+        budget: Largest change of the volume of what the triangles stand for at rest [m^3].
     """
     edges = crossing.edges[np.isin(crossing.edges[:, 0], movable)]
     edges = edges[_allowed(mesh, positions, edges, crease_cosine)]
@@ -91,7 +94,10 @@ def snap(
         for x in (mesh.rest, positions)
     ]
     steps = np.zeros(len(nodes))
-    _step_back(of.astype(np.int64), local, rest.copy(), now.copy(), *goals, floor, steps)
+    tissue = np.ones(len(near)) if mesh.sheet_rows is None else mesh.sheet_rows.tissue[near]
+    _step_back(
+        of.astype(np.int64), local, tissue, rest.copy(), now.copy(), *goals, floor, budget, steps
+    )
     moves = steps > 0.0
     return SheetSnapping(nodes[moves], towards[moves], (wanted * steps)[moves])
 
@@ -152,7 +158,8 @@ def _quality(x, a, b, c, normal):  # type: ignore[no-untyped-def] # noqa: ANN001
 
 
 @njit(cache=True, nogil=True)
-def _is_good(x, triangle, node, goal, floor, before, after):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _grows(x, triangle, node, goal, floor, before, after):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """How much the area grows when a node goes to its goal; nan: the triangle would be bad."""
     a, b, c = triangle
     was = _quality(x, a, b, c, before)
     old0, old1, old2 = x[node, 0], x[node, 1], x[node, 2]
@@ -160,39 +167,50 @@ def _is_good(x, triangle, node, goal, floor, before, after):  # type: ignore[no-
     now = _quality(x, a, b, c, after)
     x[node, 0], x[node, 1], x[node, 2] = old0, old1, old2
     turned = before[0] * after[0] + before[1] * after[1] + before[2] * after[2]
-    return turned > 0.0 and now >= min(floor, was)
+    if not (turned > 0.0 and now >= min(floor, was)):
+        return np.nan
+    doubled_before = np.sqrt(before[0] ** 2 + before[1] ** 2 + before[2] ** 2)
+    return 0.5 * (np.sqrt(after[0] ** 2 + after[1] ** 2 + after[2] ** 2) - doubled_before)
 
 
 @njit(cache=True, nogil=True)
 def _step_back(
     nodes: NDArray[np.int64],
     triangles: Rows,
+    tissue: Reals,
     rest: Reals,
     now: Reals,
     rest_goals: Reals,
     now_goals: Reals,
     floor: float,
+    budget: float,
     steps: Reals,
 ) -> None:
-    """The share of its way that each node goes, one after the other. Modifies the last four."""
+    """The share of its way that each node goes, one after the other.
+
+    `tissue` is the thickness of each triangle. Modifies `rest`, `now` and `steps`.
+    """
     before, after = np.zeros(3), np.zeros(3)
+    spent = 0.0
     for k in range(nodes.shape[0]):
         node, step = nodes[k], 1.0
         while step >= LEAST_STEP:
             rest_goal = rest[node] + step * (rest_goals[k] - rest[node])
             now_goal = now[node] + step * (now_goals[k] - now[node])
-            good = True
+            good, grown = True, 0.0
             for t in range(triangles.shape[0]):
                 a, b, c = triangles[t]
                 if a != node and b != node and c != node:
                     continue
-                if not _is_good(rest, triangles[t], node, rest_goal, floor, before, after):
+                more = _grows(rest, triangles[t], node, rest_goal, floor, before, after)
+                if np.isnan(more) or np.isnan(
+                    _grows(now, triangles[t], node, now_goal, floor, before, after)
+                ):
                     good = False
                     break
-                if not _is_good(now, triangles[t], node, now_goal, floor, before, after):
-                    good = False
-                    break
-            if good:
+                grown += more * tissue[t]
+            if good and abs(spent + grown) <= budget:
+                spent += grown
                 rest[node], now[node], steps[k] = rest_goal, now_goal, step
                 break
             step *= 0.5

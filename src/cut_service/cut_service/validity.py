@@ -1,4 +1,4 @@
-"""What a mesh of tetrahedra must be after every edit, found out without the code that edits it."""
+"""What a mesh must be after every edit, found out without the code that edits it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cut_service.joined_parts import count_parts
+from cut_service.sheet_validity import sheet_faults, sheet_joints, sheet_quality
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.quality import radius_ratios
 
@@ -20,9 +22,10 @@ class Validity:
 
     Attributes:
         faults: What is wrong, in words; empty if nothing.
-        parts: Parts whose elements are connected through faces.
-        volume: Of the rest shape [m^3].
-        ratio: Smallest radius ratio at rest.
+        parts: Parts whose elements are connected through faces; of a sheet those whose triangles
+            are connected through edges, or by springs.
+        volume: Of the rest shape [m^3]; of a sheet that of what its triangles stand for.
+        ratio: Smallest radius ratio at rest; of a sheet 2 r / R of its triangles.
     """
 
     faults: tuple[str, ...]
@@ -45,12 +48,10 @@ def _unite(
     first: NDArray[np.int64],
     second: NDArray[np.int64],
     corners: NDArray[np.int64],
-    elements: NDArray[np.int64],
 ) -> None:
-    """Unite elements that share a face, and their corners at the nodes of that face."""
+    """Unite the corners of elements that share a face, at the nodes of that face."""
     for k in range(first.shape[0]):
         one, other = first[k], second[k]
-        elements[_root(elements, one)] = _root(elements, other)
         for i in range(4):
             for j in range(4):
                 if tets[one, i] == tets[other, j]:
@@ -70,36 +71,63 @@ def look_at(mesh: Mesh) -> Validity:
 
     Elements have a positive rest volume; a face is in one or two elements; nodes are alive if and
     only if an element has them; all elements at a node are connected through faces that contain it;
-    and the lists of what meets at each node say what the elements say.
+    the lists of what meets at each node say what the elements say; and stitches join two nodes that
+    are there. Of a sheet the same holds of triangles and their edges, and springs join two nodes
+    that are there, each pair once.
     """
     rows = mesh.element_rows
     living = np.flatnonzero(mesh.element_alive[:rows])
-    tets = mesh.tets[living].astype(np.int64)
-    a, b, c, d = (mesh.rest[tets[:, k]] for k in range(4))
+    items = mesh.tets[living].astype(np.int64)
+    faults = _node_faults(mesh, items)
+    if not _lists_agree(mesh, living, items):
+        faults.append("lists of elements at nodes that do not say what the elements say")
+    faults += _stitch_faults(mesh)
+    if mesh.sheet_rows is not None:
+        faults += sheet_faults(mesh)
+        first, second, number = sheet_joints(mesh)
+        return Validity(tuple(faults), count_parts(first, second, number), *sheet_quality(mesh))
+    a, b, c, d = (mesh.rest[items[:, k]] for k in range(4))
     volumes = np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
-    used = np.unique(tets)
-    faults = []
     if not (volumes > 0.0).all():
         faults.append(f"{int((~(volumes > 0.0)).sum())} elements without positive rest volume")
-    if not np.array_equal(used, np.flatnonzero(mesh.node_alive)):
-        faults.append("nodes without elements, or elements of nodes that are no more")
-    if not np.isfinite(mesh.rest[used]).all():
-        faults.append("rest positions that are not finite")
-    faces = np.sort(tets[:, _FACES].reshape(-1, 3), axis=1)
+    faces = np.sort(items[:, _FACES].reshape(-1, 3), axis=1)
     keys = (faces[:, 0] * mesh.node_rows + faces[:, 1]) * mesh.node_rows + faces[:, 2]
     order = np.argsort(keys, kind="stable")
     same = keys[order][1:] == keys[order][:-1]
     if (same[1:] & same[:-1]).any():
         faults.append("faces in more than two elements")
     pairs = np.flatnonzero(same)
-    corners, elements = np.arange(4 * len(tets)), np.arange(len(tets))
-    _unite(tets, order[pairs] // 4, order[pairs + 1] // 4, corners, elements)
-    if _groups(corners) != len(used):
+    first, second = order[pairs] // 4, order[pairs + 1] // 4
+    corners = np.arange(4 * len(items))
+    _unite(items, first, second, corners)
+    if _groups(corners) != len(np.unique(items)):
         faults.append("elements at a node that are not connected through faces")
-    if not _lists_agree(mesh, living, tets):
-        faults.append("lists of elements at nodes that do not say what the elements say")
-    ratio = float(radius_ratios(mesh.rest, tets).min()) if len(tets) else 0.0
-    return Validity(tuple(faults), _groups(elements), float(volumes.sum()), ratio)
+    ratio = float(radius_ratios(mesh.rest, items).min()) if len(items) else 0.0
+    parts = count_parts(first, second, len(items))
+    return Validity(tuple(faults), parts, float(volumes.sum()), ratio)
+
+
+def _node_faults(mesh: Mesh, items: NDArray[np.int64]) -> list[str]:
+    faults = []
+    used = np.unique(items[items >= 0])
+    if not np.array_equal(used, np.flatnonzero(mesh.node_alive)):
+        faults.append("nodes without elements, or elements of nodes that are no more")
+    if not np.isfinite(mesh.rest[used]).all():
+        faults.append("rest positions that are not finite")
+    return faults
+
+
+def _stitch_faults(mesh: Mesh) -> list[str]:
+    table = mesh.sutures
+    ids, ends = table.ids.astype(np.int64), table.nodes
+    faults = []
+    if not mesh.node_alive[ends].all():
+        faults.append("a stitch at a node that is no more")
+    if (ends[:, 0] == ends[:, 1]).any():
+        faults.append("a stitch with both ends at one node")
+    if (np.diff(ids) <= 0).any() or (len(ids) and ids[-1] >= table.next_id):
+        faults.append("ids of stitches that are not ascending, or will be given again")
+    return faults
 
 
 def lists_of(mesh: Mesh) -> NDArray[np.int32]:
@@ -110,9 +138,12 @@ def lists_of(mesh: Mesh) -> NDArray[np.int32]:
     return np.asarray(lists.data[first + np.arange(int(count.sum()))])
 
 
-def _lists_agree(mesh: Mesh, living: NDArray[np.int64], tets: NDArray[np.int64]) -> bool:
-    order = np.argsort(tets.ravel(), kind="stable")
-    count = np.bincount(tets.ravel(), minlength=mesh.node_rows)
+def _lists_agree(mesh: Mesh, living: NDArray[np.int64], items: NDArray[np.int64]) -> bool:
+    ends = items.ravel()
+    rows = np.repeat(living, 4)[ends >= 0]
+    ends = ends[ends >= 0]
+    order = np.argsort(ends, kind="stable")
+    count = np.bincount(ends, minlength=mesh.node_rows)
     if not np.array_equal(count, mesh.incident.count[: mesh.node_rows]):
         return False
-    return bool(np.array_equal(lists_of(mesh), living[order // 4]))
+    return bool(np.array_equal(lists_of(mesh), rows[order]))

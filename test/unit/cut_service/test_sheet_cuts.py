@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from cut_service.errors import CutCode, CutError
 from cut_service.planner import Plan, Settings, plan
 from cut_service.sweep import Sweep
+from cut_service.validity import look_at
 from support.cut_sheets import (
     any_square,
     assert_as_built_afresh,
@@ -107,7 +108,8 @@ def _rows(mesh: Mesh) -> tuple[np.ndarray, ...]:
 def test_a_plane_through_a_shell_parts_it_and_nothing_joins_the_halves() -> None:
     mesh = connected(EVERYTHING)
     stiffness = SpringNetwork(mesh, Material(), np.float64).springs.stiffness.sum()
-    planned = cut(mesh, plane_x(0.0013))
+    # As coarse as this ball is, all nodes on the plane take 0.3 % of the tissue away.
+    planned = cut(mesh, plane_x(0.0013), volume_budget=0.01)
     assert planned.report.components == 2
     assert planned.report.distance_after[1] < 1e-12
     assert planned.report.notes == ""
@@ -150,6 +152,20 @@ def test_the_wall_closes_the_cut_and_faces_out_of_the_tissue(sweep: str) -> None
     section = np.pi * (0.02**2 - 0.016**2)
     if sweep == "through":
         assert triangle_areas(mesh.rest, sheet.walls).sum() == pytest.approx(2 * section, rel=0.1)
+
+
+@pytest.mark.parametrize("budget", [0.0, 2e-4, 5e-4])
+def test_snapping_takes_no_more_tissue_than_it_may(budget: float) -> None:
+    mesh = connected()
+    before = look_at(mesh).volume
+    planned = cut(mesh, plane_x(0.0013), volume_budget=budget)
+    mesh.apply(planned.edit)
+    after = look_at(mesh)
+    assert after.faults == ()
+    assert abs(after.volume / before - 1.0) <= budget * (1.0 + 1e-6) + 1e-12
+    assert after.volume - before == pytest.approx(planned.report.volume_change, abs=1e-9 * before)
+    if budget:
+        assert planned.report.distance_after[0] < planned.report.distance_before[0]
 
 
 def test_without_snapping_nothing_moves_and_areas_are_kept() -> None:
