@@ -12,15 +12,19 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
 from cut_service import random_edits
 from cut_service.trial import Trial
-from cut_service.validity import look_at
 from support.sheets import ball, shell
 from support.valid_mesh import check_valid
-from tissue_sim.geometry.edit import TopologyEdit
-from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.shapes import block, sphere_shell, wall
 from tissue_sim.geometry.sheet_geometry import CONNECTED, SURFACE, SheetSettings, with_sheet
@@ -83,22 +87,22 @@ class Edits(RuleBasedStateMachine):
     def sew(self, seed: int) -> None:
         self.by(random_edits.sew, seed)
 
-    @precondition(lambda self: len(self.trial.mesh.sutures))
+    @precondition(lambda self: len(self.trial.mesh.sutures) > 0)
     @rule(seed=SEEDS, what=st.sampled_from([random_edits.tighten, random_edits.unsew]))
     def change_stitches(self, seed: int, what: Callable[[Trial], None]) -> None:
         self.by(what, seed)
 
-    @precondition(lambda self: len(self.trial.mesh.sutures))
+    @precondition(lambda self: len(self.trial.mesh.sutures) > 0)
     @rule(seed=SEEDS)
     def cut_thread(self, seed: int) -> None:
         self.by(random_edits.cut_thread, seed)
 
-    @precondition(lambda self: self.trial.history.done)
+    @precondition(lambda self: len(self.trial.history.done) > 0)
     @rule(steps=st.integers(1, 8))
     def undo(self, steps: int) -> None:
         self.trial.go_back(steps)
 
-    @precondition(lambda self: self.trial.history.undone)
+    @precondition(lambda self: len(self.trial.history.undone) > 0)
     @rule(steps=st.integers(1, 8))
     def redo(self, steps: int) -> None:
         self.trial.go_on(steps)
@@ -122,11 +126,12 @@ class Edits(RuleBasedStateMachine):
 def test_any_edits_in_any_order_leave_a_valid_mesh_and_undo_is_exact(
     names: tuple[str, ...],
 ) -> None:
-    kind = type("EditsOf", (Edits,), {"names": names})
+    class EditsOf(Edits):
+        pass
+
+    EditsOf.names = names
     quick = settings(
         max_examples=25, stateful_step_count=25, deadline=None,
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
-    case = kind.TestCase
-    case.settings = quick
-    case().runTest()
+    run_state_machine_as_test(EditsOf, settings=quick)

@@ -85,7 +85,7 @@ def sheet_quality(mesh: Mesh) -> tuple[float, float]:
     sides = mesh.rest[sheet.triangles[:, _SIDES]]
     lengths = np.linalg.norm(sides[:, :, 1] - sides[:, :, 0], axis=2)
     # r = 2 A / (a + b + c) and R = a b c / (4 A).
-    ratios = 16.0 * areas**2 / (lengths.sum(axis=1) * lengths.prod(axis=1))
+    ratios = 16.0 * areas**2 / np.maximum(lengths.sum(axis=1) * lengths.prod(axis=1), 1e-300)
     return float(areas @ sheet.thickness), float(ratios.min(initial=1.0))
 
 

@@ -177,17 +177,18 @@ class Trial:
 
     def _move(self, what: str) -> None:
         history = self.history
+        kind = (history.done if what == "undo" else history.undone)[-1].edit.kind
         edit = history.undo(self.mesh) if what == "undo" else history.redo(self.mesh)
         self._apply(what, edit)
         now, (then, self.valid) = remembered(self.mesh), self._seen[len(history.done)]
         if now != then:
             other = ", ".join(name for name in then if now.get(name) != then[name])
-            self.fault(f"{what} of {edit.kind}: not as it was before: {other}")
+            self.fault(f"{what} of a {kind}: not as it was before: {other}")
         if not np.isfinite(self.places[self.living]).all():
             self.fault(f"{what}: positions that are not finite")
         # What is bit for bit as it was is as valid as it was.
         if self.mesh.node_rows < LARGE and look_at(self.mesh) != self.valid:
-            self.fault(f"{what} of {edit.kind}: found to be another organ than before")
+            self.fault(f"{what} of a {kind}: found to be another organ than before")
 
     def _apply(self, what: str, edit: TopologyEdit) -> EditChange:
         mesh = self.mesh
