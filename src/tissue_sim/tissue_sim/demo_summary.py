@@ -91,6 +91,10 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
         table.add_row(
             f"grab by {grab['tool']}", f"{grab['nodes']} nodes, moved {grab['moved_mm']:.1f} mm"
         )
+    for patch in summary["patches"]:
+        carried = f", carried by {patch['carried_by']}" if patch["carried_by"] else ""
+        text = f"{patch['name']}: {patch['nodes']} nodes, {patch['area_cm2']:.3g} cm2{carried}"
+        table.add_row("patch", text)
     for cut in summary["cuts"]:
         table.add_row("cut", _cut_in_words(cut))
     shares = ", ".join(f"{name} {100 * cpu:.0f}" for name, cpu in summary["cpu_share"].items())

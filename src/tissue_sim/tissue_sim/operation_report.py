@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.frame import Frame, JournalEntry
-from tissue_sim.geometry.edit import REDO, UNDO
+from tissue_sim.geometry.edit import PATCH, REDO, UNDO
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.patch_figures import patch_area
 from tissue_sim.interaction.holds import Hold
 from tissue_sim.journal import Replay, replay
 from tissue_sim.simulation import Simulation
@@ -53,6 +54,29 @@ class CutOpening:
 
 
 @dataclass
+class PatchReport:
+    """One patch.
+
+    Attributes:
+        frame: Frame it was added in.
+        name: Name of it.
+        nodes: Its nodes.
+        area_cm2: Area of one side [cm^2].
+        tool: Tool that carried it at first; empty: none.
+    """
+
+    frame: int
+    name: str
+    nodes: int
+    area_cm2: float
+    tool: str
+
+    def __str__(self) -> str:
+        carried = f", carried by {self.tool}" if self.tool else ""
+        return f"{self.name}: {self.nodes} nodes, {self.area_cm2:.3g} cm2{carried}"
+
+
+@dataclass
 class OperationReport:
     """What was done to the tissue.
 
@@ -61,6 +85,7 @@ class OperationReport:
         steps: Model steps in them.
         grabs: Holds, in order.
         cuts: Cuts, in order.
+        patches: Patches that were added, in order; those undone again included.
         finite: Whether every position of every frame is finite.
         mismatches: Frames that did not come out as recorded.
         positions: Positions after the last frame [m], shape (node_rows, 3).
@@ -70,6 +95,7 @@ class OperationReport:
     steps: int = 0
     grabs: list[GrabReport] = field(default_factory=list)
     cuts: list[CutOpening] = field(default_factory=list)
+    patches: list[PatchReport] = field(default_factory=list)
     finite: bool = True
     mismatches: tuple[int, ...] = ()
     positions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
@@ -100,8 +126,14 @@ class _Observer:
             if change.edit.kind in (UNDO, REDO):
                 self._part_no_more(change.vanished_nodes)
                 continue
-            if not len(change.elements):
-                continue  # Sutures cut nothing.
+            for patch in change.edit.added_patches:
+                area = 1e4 * patch_area(change.edit)
+                nodes, tool = len(change.born_nodes), change.edit.held_by
+                self.report.patches.append(
+                    PatchReport(frame.journal.frame, patch.name, nodes, area, tool)
+                )
+            if change.edit.kind == PATCH or not len(change.elements):
+                continue  # Patches and sutures cut nothing.
             self._lips.append((change.copied_nodes, change.copy_parents))
             self.report.cuts.append(
                 CutOpening(

@@ -84,6 +84,8 @@ def print_report(console: Console, plan: SessionPlan, report: RunReport) -> None
                 f"planned in {entry['plan_ms']:.0f} ms, applied in {entry['apply_ms']:.2f} ms",
             )
     if operation is not None:
+        for patch in operation.patches:
+            table.add_row("patch", str(patch))
         for cut in operation.cuts:
             table.add_row("opening", f"{cut.opening_mm:.1f} mm")
         table.add_row("finite", "yes" if operation.finite else "NO")

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.edit import REDO, UNDO
+from tissue_sim import conversions
+from tissue_sim.geometry.edit import PATCH, REDO, UNDO
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.patch_figures import patch_area
 from tissue_sim.geometry.surface import surface_triangles
 from viz_bridge.bag_reader import read_organ
 from viz_bridge.cdr import Message
@@ -84,6 +86,7 @@ class SessionFigures:
         self._positions: NDArray[np.float32] | None = None
         self.cuts: list[CutFigures] = []
         self._open_cuts: list[CutFigures] = []
+        self.patches: list[dict[str, Any]] = []
         self.grabs: list[GrabFigures] = []
         self.geometry: dict[str, Any] = {}
         self.model = ""
@@ -141,6 +144,9 @@ class SessionFigures:
             for cut in self._open_cuts:
                 there = mesh.node_alive[cut.copies]
                 cut.copies, cut.parents = cut.copies[there], cut.parents[there]
+            return
+        if message.kind == PATCH:
+            self.patches.append(_patch_document(message, self._organ.sim_time))
             return
         changed = (message.rewritten_elements, message.removed_elements, message.added_elements)
         if not any(len(elements) for elements in changed):
@@ -275,8 +281,8 @@ def summarise(
         progress: Called with the number of messages read so far.
 
     Returns:
-        geometry, model, frames, model_steps_per_second, cuts, grabs, wall_seconds; with the
-        monitor published_hz, late_frames, lost_states, pose_to_state_ms, step_ms, cpu_share and
+        geometry, model, frames, model_steps_per_second, cuts, patches, grabs, wall_seconds; with
+        the monitor published_hz, late_frames, lost_states, pose_to_state_ms, step_ms, cpu_share and
         load_average_before.
 
     Raises:
@@ -298,6 +304,7 @@ def summarise(
         "model_steps": figures.steps,
         "model_steps_per_second": figures.steps / seconds if seconds > 0 else 0.0,
         "cuts": [cut.document() for cut in figures.cuts],
+        "patches": figures.patches,
         "grabs": [grab.document() for grab in figures.grabs],
         "wall_seconds": seconds,
     }
@@ -313,6 +320,19 @@ def summarise(
         diagnostics = {**diagnostics, **counted.get("diagnostics", {})}
     document["step_ms"] = step_times(diagnostics)
     return document
+
+
+def _patch_document(message: Message, sim_time: float) -> dict[str, Any]:
+    """A patch as in summary.json."""
+    edit = conversions.edit_from_msg(message)
+    return {
+        "version": int(message.version),
+        "sim_time": round(sim_time, 3),
+        "name": edit.added_patches[0].name,
+        "nodes": len(edit.born_nodes),
+        "area_cm2": round(1e4 * patch_area(edit), 3),
+        "carried_by": edit.held_by,
+    }
 
 
 def step_times(diagnostics: dict[str, dict[str, str]]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from tissue_sim.frame import Budget, Command, Frame, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import ToolSpec
-from tissue_sim.journal import replay
+from tissue_sim.operation_report import operation_report
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
@@ -117,9 +117,13 @@ def test_a_session_with_a_carried_patch_replays_bit_for_bit(model: str) -> None:
     session.frame(Command("undo", {}))
     session.frame(Command("redo", {}))
     session.frame()
-    again = replay([frame.journal for frame in session.frames], first)
+    again = operation_report([frame.journal for frame in session.frames], first)
     assert again.mismatches == ()
     assert np.array_equal(again.positions, session.frames[-1].positions)
+    assert [str(patch) for patch in again.patches] == [
+        "patch 1: 40 nodes, 1.08 cm2, carried by forceps"
+    ]
+    assert again.cuts == []
 
 
 def test_an_unknown_tool_and_a_hold_of_nothing_are_refused() -> None:

@@ -57,7 +57,8 @@ def _replayed(epoch: RecordedEpoch, model: str) -> OperationReport:
 def _print(epoch: RecordedEpoch, report: OperationReport, model: str) -> None:
     console.print(
         f"epoch {epoch.epoch.hex()[:8]} of {epoch.organ}: {report.frames} frames, "
-        f"{report.steps} steps, {len(report.grabs)} grabs, {len(report.cuts)} cuts",
+        f"{report.steps} steps, {len(report.grabs)} grabs, {len(report.cuts)} cuts"
+        + (f", {len(report.patches)} patches" if report.patches else ""),
         markup=False,
     )
     if model:
