@@ -92,7 +92,7 @@ def run_study(out: Path, repeats: int, scene: str = "heart") -> dict[str, Any]:
 
 def run_once(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> LoopRow:
     """Run one session and count."""
-    load, empty_loop = os.getloadavg()[0], _machine_late_share()
+    load, empty_loop = os.getloadavg()[0], machine_late_share()
     plan = SessionPlan(scene=find_scene(scene), out=empty_folder(out), procedure=procedure)
     operate(plan, quiet=True)
     seen = read_json(plan.monitor_file)
@@ -116,7 +116,8 @@ def run_once(out: Path, scene: str, procedure: Path, pair: int, variant: str) ->
     )
 
 
-def _machine_late_share() -> float:
+def machine_late_share() -> float:
+    """Share of late frames of an empty loop on this machine now."""
     # A process of its own: the priority ends with it.
     command = [sys.executable, "-m", "tissue_sim.machine_lateness", str(MACHINE_FRAMES)]
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

@@ -16,6 +16,8 @@ from viz_bridge.picture_grid import draw_grid
 SIZE = (1280, 960)
 BACKGROUND, HORIZON = "#20262f", "#8b97a6"
 STEEL, PRESSED, SHAFT = "#d5dde6", "#ffc45c", "#9aa5b2"
+THREAD, THREAD_RADIUS, KNOT_RADIUS = "#2f4fd0", 0.00016, 0.0003
+"""Colour of sutures, and radii [m]."""
 
 
 def draw(file: str, picture: str) -> None:
@@ -34,6 +36,8 @@ def draw(file: str, picture: str) -> None:
     size = float(np.linalg.norm(np.ptp(arrays["outside_points"], axis=0)))
     _add_tissue(plotter, arrays, "outside", specular=0.28, power=22)
     _add_tissue(plotter, arrays, "inside", specular=0.6, power=45)
+    if len(arrays.get("threads", ())):
+        _add_threads(plotter, arrays["threads"])
     number = 0
     while f"tool{number}" in arrays:
         _add_tool(plotter, arrays[f"tool{number}"], bool(arrays[f"tool{number}_pressed"]))
@@ -101,6 +105,22 @@ def _add_tissue(
         specular=specular,
         specular_power=power,
     )
+
+
+def _add_threads(plotter: Any, threads: NDArray[np.float64]) -> None:
+    """Sutures, from their ends [m], shape (n, 2, 3)."""
+    import pyvista
+
+    for one, other in threads.astype(np.float64):
+        length = float(np.linalg.norm(other - one))
+        if length > 0.0:
+            thread = pyvista.Cylinder(
+                center=(one + other) / 2, direction=other - one, radius=THREAD_RADIUS, height=length
+            )
+            plotter.add_mesh(thread, color=THREAD, ambient=0.3)
+    knots = pyvista.PolyData(threads.reshape(-1, 3).astype(np.float64))
+    balls = knots.glyph(geom=pyvista.Sphere(radius=KNOT_RADIUS), scale=False, orient=False)
+    plotter.add_mesh(balls, color=THREAD, ambient=0.3, smooth_shading=True)
 
 
 def _add_tool(plotter: Any, points: NDArray[np.float64], pressed: bool) -> None:

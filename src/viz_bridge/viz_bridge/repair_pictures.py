@@ -1,0 +1,144 @@
+"""Pictures of the repair of an atrial septal defect, from a session's bag.
+
+Usage: python -m viz_bridge.repair_pictures BAG FOLDER
+"""
+
+from __future__ import annotations
+
+import copy
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viz_bridge.bag_reader import read_organ
+from viz_bridge.cdr import Message
+from viz_bridge.moments import Moment, lips, opening
+from viz_bridge.organ_follower import OrganFollower
+from viz_bridge.organ_surface import OrganSurface, surface_of
+from viz_bridge.picture_scene import Camera, arrays_of
+from viz_bridge.pictures import Pictures, render_files
+
+AXIS = np.array([-0.3843, 0.9224, 0.0384])
+"""Along the hole, from the right to the left atrium."""
+
+PLACE = np.array([-3.2e-3, -14.5e-3, 11.8e-3])
+"""What is looked at [m]: on that line, between the wall of the right atrium and the hole."""
+
+FAR, NEAR = 0.17, 0.085
+"""Distances of the camera from there [m]."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A picture.
+
+    Attributes:
+        name: Of its file.
+        caption: What is to be seen; {opening} is how far the edges of the cut are apart [mm].
+        edits: Edits there have been.
+        seconds: How long after the last of them at most [s]; infinite: just before the next.
+        away: Distance of the camera [m].
+    """
+
+    name: str
+    caption: str
+    edits: int
+    seconds: float
+    away: float
+
+
+LAST = float("inf")
+WANTED = (
+    Wanted("asd_taut", "Two hooks make the wall of the right atrium taut", 0, LAST, FAR),
+    Wanted("asd_window", "Open by {opening:.0f} mm: the defect is in view", 1, LAST, NEAR),
+    Wanted("asd_patch", "A patch is carried in", 2, 1.7, NEAR),
+    Wanted("asd_sewn", "Sewn over the defect, and let go", 4, 2.8, NEAR),
+    Wanted("asd_thread", "The edges are brought together and sewn", 5, LAST, NEAR),
+    Wanted("asd_closed", "Tightened and released", 6, LAST, FAR),
+)
+"""Edits are, in turn: the cut, the patch, its stitches, their tightening, the atrium's, theirs."""
+
+
+class _Finder:
+    """Keeps the newest state that fits each picture, with the threads there are."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, tuple[Moment, NDArray[np.float32]]] = {}
+        self._organ = OrganFollower()
+        self._surfaces: dict[int, OrganSurface] = {}
+        self._edits = 0
+        self._edited_at = 0.0
+
+    def take(self, topic: str, message: Message) -> None:
+        """Take one message."""
+        organ = self._organ
+        if topic == "tissue/tools":
+            organ.tools.take_list(message)
+        elif topic == "tissue/journal":
+            organ.take_journal(message)
+        elif topic == "tissue/topology":
+            organ.take_topology(message)
+        elif topic == "tissue/edits":
+            if organ.take_edit(message):
+                self._edits, self._edited_at = self._edits + 1, organ.sim_time
+        elif topic == "tissue/state":
+            positions = organ.take_state(message)
+            if positions is not None:
+                self._keep(positions)
+
+    def _keep(self, positions: NDArray[np.float32]) -> None:
+        organ, mesh = self._organ, self._organ.mesh
+        if mesh is None:
+            return
+        for wanted in WANTED:
+            late = organ.sim_time - self._edited_at > wanted.seconds
+            if wanted.edits != self._edits or late:
+                continue
+            if mesh.version not in self._surfaces:
+                self._surfaces[mesh.version] = surface_of(mesh)
+            apart = 1e3 * opening(positions, *lips(mesh))
+            moment = Moment(
+                wanted.name, wanted.caption.format(opening=apart), organ.sim_time, organ.frame,
+                self._surfaces[mesh.version], positions.copy(),
+                tuple(copy.deepcopy(tool) for tool in organ.tools.by_id.values()), PLACE,
+            )  # fmt: skip
+            self.found[wanted.name] = (moment, positions[mesh.sutures.nodes])
+
+
+def draw_repair(bag: Path, folder: Path) -> Pictures:
+    """Draw the pictures of `WANTED` from the bag of a session that played asd_repair.yaml.
+
+    Args:
+        bag: Directory or file.
+        folder: Where the PNG files go.
+
+    Raises:
+        ValueError: The bag cannot be read.
+    """
+    finder = _Finder()
+    for topic, item in read_organ(bag, None):
+        finder.take(topic, item.message)
+    files = {}
+    for wanted in WANTED:
+        if wanted.name in finder.found:
+            moment, threads = finder.found[wanted.name]
+            camera = Camera(PLACE - wanted.away * AXIS, PLACE, np.array([0.0, 0.0, 1.0]))
+            files[wanted.name] = {**arrays_of(moment, camera), "threads": threads}
+    return render_files(files, folder)
+
+
+def main() -> int:
+    """Entry point."""
+    pictures = draw_repair(Path(sys.argv[1]), Path(sys.argv[2]))
+    for file in pictures.files:
+        print(file)
+    if pictures.message:
+        print(pictures.message)
+    return 0 if len(pictures.files) == len(WANTED) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
