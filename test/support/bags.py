@@ -7,13 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rclpy.serialization import serialize_message
-from tissue_interfaces.msg import Journal, Status, TissueState, Tool, ToolList, ToolSample
+from tissue_interfaces.msg import Holes, Journal, Status, TissueState, Tool, ToolList, ToolSample
 
 from support.split_block import split_plan
 from tissue_sim import conversions
@@ -53,8 +53,9 @@ def session_bag(
     cut_at: int = 20,
     namespace: str = "",
     options: BagOptions = ROOMY,
+    holes: Sequence[Holes] = (),
 ) -> Path:
-    """A block whose free side is pulled by a hook and which is split half way."""
+    """A block whose free side is pulled by a hook and which is split half way; at the end holes."""
     writer = BagWriter(folder, options)
     mesh = Mesh(block(7, 7, 3, 0.06, 0.06, 0.02))
     stamp = conversions.stamp_of(START)
@@ -67,6 +68,8 @@ def session_bag(
         put(writer, f"{namespace}/{topic}", message, START)
     for frame in range(1, frames + 1):
         _put_frame(writer, namespace, mesh, frame, frames, frame == cut_at)
+    for message in holes:
+        put(writer, f"{namespace}/tissue/holes", message, START + (frames + 1) * PERIOD)
     writer.close()
     return folder
 

@@ -32,7 +32,7 @@ def demo_summary(
 
     summary = summarise(plan.bag_folder, plan.monitor_file if plan.monitor else None)
     epoch = read_epochs(plan.bag_folder)[-1]
-    replayed = operation_report(epoch.entries, epoch.start)
+    replayed = operation_report(epoch.entries, epoch.start, holes=tuple(epoch.holes.values()))
     summary["session_seconds"] = summary.pop("wall_seconds")
     summary["cpu_share"] = {name: round(share, 3) for name, share in cpu_share.items()}
     summary["load_average_before"] = load_before
@@ -42,6 +42,10 @@ def demo_summary(
         {"tool": grab.tool, "frame": grab.frame, "nodes": grab.nodes, "moved_mm": grab.moved_mm}
         for grab in replayed.grabs
     ]
+    for hole in replayed.holes:
+        for told in summary["holes"]:
+            if told["name"] == hole.hole.name:
+                told["at_end"] = hole.document()
     _complete_cuts(summary["cuts"], replayed, read_json(plan.script_file).get("requests", []))
     return summary
 
@@ -97,6 +101,8 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
         table.add_row("patch", text)
     for cut in summary["cuts"]:
         table.add_row("cut", _cut_in_words(cut))
+    for hole in summary["holes"]:
+        table.add_row(f"hole {hole['name']} at the end", _hole_in_words(hole))
     shares = ", ".join(f"{name} {100 * cpu:.0f}" for name, cpu in summary["cpu_share"].items())
     table.add_row("processor time, % of a core", shares)
     table.add_row("load average before", f"{summary['load_average_before']:.2f}")
@@ -112,6 +118,16 @@ def _quantiles(values: object) -> str:
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value:,}"
         for name, value in values.items()
         if isinstance(value, int | float)
+    )
+
+
+def _hole_in_words(hole: dict[str, Any]) -> str:
+    end = hole.get("at_end", hole)
+    if "covered" not in end:
+        return str(end.get("problem") or "not measured")
+    return (
+        f"{100 * end['covered']:.1f} % of {end['area_mm2']:.0f} mm^2 covered, "
+        f"widest gap {end['gap_mm']:.2f} mm"
     )
 
 

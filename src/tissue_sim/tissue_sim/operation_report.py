@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from tissue_sim.frame import Frame, JournalEntry
 from tissue_sim.geometry.edit import PATCH, REDO, UNDO
+from tissue_sim.geometry.holes import Hole
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.patch_figures import patch_area
+from tissue_sim.hole_report import HoleReport, measured
 from tissue_sim.interaction.holds import Hold
 from tissue_sim.journal import Replay, replay
 from tissue_sim.simulation import Simulation
@@ -86,6 +88,7 @@ class OperationReport:
         grabs: Holds, in order.
         cuts: Cuts, in order.
         patches: Patches that were added, in order; those undone again included.
+        holes: Holes that were named, after the last frame.
         finite: Whether every position of every frame is finite.
         mismatches: Frames that did not come out as recorded.
         positions: Positions after the last frame [m], shape (node_rows, 3).
@@ -96,6 +99,7 @@ class OperationReport:
     grabs: list[GrabReport] = field(default_factory=list)
     cuts: list[CutOpening] = field(default_factory=list)
     patches: list[PatchReport] = field(default_factory=list)
+    holes: list[HoleReport] = field(default_factory=list)
     finite: bool = True
     mismatches: tuple[int, ...] = ()
     positions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
@@ -166,6 +170,7 @@ def operation_report(
     mesh: Mesh,
     model: str | None = None,
     on_frame: Callable[[int], None] | None = None,
+    holes: Sequence[Hole] = (),
 ) -> OperationReport:
     """Replay one epoch and say what was done to the tissue.
 
@@ -174,6 +179,7 @@ def operation_report(
         mesh: Its first keyframe; changed in place.
         model: Another model to run instead.
         on_frame: Told the number of each frame done.
+        holes: Holes to be measured after the last frame.
 
     Raises:
         JournalError: The journal cannot be replayed.
@@ -189,4 +195,5 @@ def operation_report(
     report = observer.report
     report.frames, report.mismatches = done.frames, done.mismatches
     report.positions = done.positions
+    report.holes = [measured(hole, done.simulation.mesh, done.positions) for hole in holes]
     return report

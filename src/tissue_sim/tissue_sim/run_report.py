@@ -49,7 +49,8 @@ def read_report(plan: SessionPlan) -> RunReport:
     ]
     if plan.bag:
         epoch = read_epochs(plan.bag_folder)[-1]
-        report.operation = operation_report(epoch.entries, epoch.start)
+        holes = tuple(epoch.holes.values())
+        report.operation = operation_report(epoch.entries, epoch.start, holes=holes)
         if not report.operation.finite:
             report.problems.append("positions are not finite")
         if report.operation.mismatches:
@@ -88,6 +89,8 @@ def print_report(console: Console, plan: SessionPlan, report: RunReport) -> None
             table.add_row("patch", str(patch))
         for cut in operation.cuts:
             table.add_row("opening", f"{cut.opening_mm:.1f} mm")
+        for hole in operation.holes:
+            table.add_row(f"hole {hole.hole.name} at the end", str(hole))
         table.add_row("finite", "yes" if operation.finite else "NO")
         table.add_row("replays bit for bit", "NO" if operation.mismatches else "yes")
     console.print(table)

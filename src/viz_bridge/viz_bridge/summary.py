@@ -18,13 +18,14 @@ from tissue_sim.geometry.patch_figures import patch_area
 from tissue_sim.geometry.surface import surface_triangles
 from viz_bridge.bag_reader import read_organ
 from viz_bridge.cdr import Message
+from viz_bridge.hole_figures import HoleFigures, take_holes
 from viz_bridge.moments import opening
 from viz_bridge.organ_follower import OrganFollower
 from viz_bridge.session_events import nanoseconds
 
 _TOPICS = (
     "tissue/topology", "tissue/edits", "tissue/state", "tissue/tools", "tissue/journal",
-    "tissue/status", "/diagnostics",
+    "tissue/status", "tissue/holes", "/diagnostics",
 )  # fmt: skip
 
 
@@ -88,6 +89,7 @@ class SessionFigures:
         self._open_cuts: list[CutFigures] = []
         self.patches: list[dict[str, Any]] = []
         self.grabs: list[GrabFigures] = []
+        self.holes: dict[str, HoleFigures] = {}
         self.geometry: dict[str, Any] = {}
         self.model = ""
         self.models: list[str] = []
@@ -112,6 +114,8 @@ class SessionFigures:
             self._take_state(message)
         elif topic == "tissue/journal":
             self._take_journal(message)
+        elif topic == "tissue/holes":
+            take_holes(self.holes, message, organ.sim_time)
         elif topic == "/diagnostics":
             self._take_diagnostics(message)
 
@@ -306,6 +310,7 @@ def summarise(
         "cuts": [cut.document() for cut in figures.cuts],
         "patches": figures.patches,
         "grabs": [grab.document() for grab in figures.grabs],
+        "holes": [hole.document() for hole in figures.holes.values()],
         "wall_seconds": seconds,
     }
     diagnostics = figures.diagnostics

@@ -51,6 +51,7 @@ def _replayed(epoch: RecordedEpoch, model: str) -> OperationReport:
             epoch.start,
             model or None,
             on_frame=lambda frame: progress.update(task, completed=frame),
+            holes=tuple(epoch.holes.values()),
         )
 
 
@@ -70,6 +71,8 @@ def _print(epoch: RecordedEpoch, report: OperationReport, model: str) -> None:
         )
     else:
         console.print("final positions are bit-identical to the recorded session's")
+    for hole in report.holes:
+        console.print(f"hole {hole.hole.name} at the end: {hole}", markup=False)
     if not report.finite:
         console.print("some positions are not finite")
 
