@@ -69,7 +69,7 @@ class BlockProblem:
             np.zeros(10 * places, dtype=dtype), np.zeros(nodes, dtype=dtype),
             np.zeros(nodes, dtype=dtype), np.zeros(ROWS * places if mixed else 0, dtype=dtype),
         )  # fmt: skip
-        self._used = 0
+        self._used = self._most_lanes = 0
         self._inertia = Inertia(np.zeros(nodes, dtype=dtype), np.zeros((nodes, 3), dtype=dtype))
         self._seen = np.zeros((nodes, 3), dtype=dtype)
         self.last_move = np.zeros((nodes, 3), dtype=dtype)
@@ -86,10 +86,10 @@ class BlockProblem:
             )  # fmt: skip
             if done < len(nodes):
                 self._make_room()
-        lanes = int(self.blocks.lanes.max(initial=0))
+        self._most_lanes = max(self._most_lanes, int(self.blocks.lanes[nodes].max(initial=0)))
         self._problem = Problem(
             self.blocks, self.springs.arrays, self._inertia, self._material, self._exact,
-            np.empty(9 * lanes),
+            np.empty(9 * self._most_lanes),
         )  # fmt: skip
 
     def _make_room(self) -> None:

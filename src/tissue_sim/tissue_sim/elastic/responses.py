@@ -123,9 +123,14 @@ class Responses:
         """Begin anew from the present shape, with the same nodes held."""
         shape = state.displacement
         far = np.abs(shape[self._held]).max(initial=0.0)
-        self.from_rest = bool(far > FAR * np.abs(shape).max()) and not self.strained
-        self._base[:] = 0.0 if self.from_rest else shape
-        self.sum[:] = self._base
+        # Without an array of sizes: it would be as large as the organ.
+        farthest = max(float(shape.max()), -float(shape.min()))
+        self.from_rest = bool(far > FAR * farthest) and not self.strained
+        for array in (self._base, self.sum):
+            if self.from_rest:
+                array.fill(0.0)
+            else:
+                np.copyto(array, shape)
         self._origin[:] = self._base[self._held]
         self._shares[:] = 0.0
         self._proposed[:] = 0

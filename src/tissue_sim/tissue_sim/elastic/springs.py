@@ -150,7 +150,7 @@ class SpringNetwork:
         self._grow_nodes()
         self.field.follow(change)
         self._separate()
-        self._rest[change.nodes] = self.mesh.rest[change.nodes] - self._origin
+        networks.place_rest(change.nodes, self.mesh.rest, self._origin, self._rest)
         self._measure(change.elements)
         self._measure(change.neighbours)
         self._to_weigh.append(change.nodes)
@@ -339,8 +339,8 @@ class SpringNetwork:
 
 
 def _scratch(nodes: int) -> networks.Scratch:
-    marks = (np.zeros(nodes, dtype=np.bool_) for _ in range(2))
-    return networks.Scratch(*marks, np.zeros(nodes))
+    among, moved = np.zeros((2, nodes), dtype=np.bool_)
+    return networks.Scratch(among, moved, np.zeros(nodes))
 
 
 def _no_rows() -> NDArray[np.int32]:

@@ -31,6 +31,7 @@ class Stiffness:
         self.springs = springs
         self._blocks = np.zeros((len(springs.arrays.neighbour), 9), dtype=springs.dtype)
         self.inverse = np.zeros((springs.mesh.node_capacity, 9), dtype=springs.dtype)
+        self._place_of = np.full(springs.mesh.node_capacity, -1, dtype=np.int32)
         self._assemble(np.arange(springs.mesh.node_rows, dtype=np.int32))
 
     @property
@@ -49,6 +50,7 @@ class Stiffness:
         if extra > 0:
             more = np.zeros((extra, 9), dtype=self.inverse.dtype)
             self.inverse = np.concatenate([self.inverse, more])
+            self._place_of = np.full(len(self.inverse), -1, dtype=np.int32)
         self._assemble(change.nodes)
 
     def set_stitches(self, blocks: NDArray[np.float64]) -> None:
@@ -69,5 +71,5 @@ class Stiffness:
         springs = self.springs
         assemble_rows(
             nodes, springs.elements, springs.mesh.rest, springs.field.matter, self.rows,
-            self.inverse,
+            self._place_of, self.inverse,
         )  # fmt: skip

@@ -32,6 +32,7 @@ class Stitches:
     def __init__(self, mesh: Mesh) -> None:
         """Take the mesh's sutures over."""
         self.mesh = mesh
+        self.sutures: Sutures = mesh.sutures
         self._take(mesh.sutures)
 
     def __len__(self) -> int:
@@ -55,7 +56,6 @@ class Stitches:
             self._take(now)
 
     def _take(self, table: Sutures) -> None:
-        self.sutures = table
         self.threads = Threads(
             np.ascontiguousarray(table.nodes, dtype=np.int32).reshape(-1, 2),
             np.ascontiguousarray(table.stiffness), np.ascontiguousarray(table.lengths),
@@ -148,6 +148,8 @@ class Stitches:
 
     def lengths(self, u: NDArray[np.floating]) -> NDArray[np.float64]:
         """Present lengths [m], shape (n,)."""
+        if not len(self):
+            return np.empty(0)
         return np.asarray(np.linalg.norm(self._edges(u), axis=1))
 
     def directions(self, u: NDArray[np.floating]) -> NDArray[np.float64]:

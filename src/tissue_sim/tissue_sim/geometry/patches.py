@@ -93,6 +93,8 @@ class Patches:
 
     def without(self, patch_ids: NDArray[np.integer]) -> Patches:
         """These but for some."""
+        if not len(patch_ids):
+            return self
         gone = set(np.asarray(patch_ids).tolist())
         return replace(self, items=tuple(item for item in self.items if item.id not in gone))
 

@@ -203,8 +203,10 @@ class Holds:
             self.owner = np.pad(self.owner, (0, mesh.node_capacity - len(self.owner)))
         if merged_positions is not None and len(change.merged_into):
             self._follow_merged(mesh, change, merged_positions, poses)
-        emptied = []
+        emptied, concerned = [], self._concerned(change)
         for hold in list(self.by_id.values()):
+            if hold.id not in concerned and len(hold.rows) and not len(hold.waiting):
+                continue
             self._follow_moved(hold, change, moved_positions, hold.pose(poses))
             self._follow_placed(hold, change, moved_positions, hold.pose(poses))
             self._follow_copies(hold, change)
@@ -216,6 +218,12 @@ class Holds:
                 del self.by_id[hold.id]
                 emptied.append(hold)
         return emptied
+
+    def _concerned(self, change: EditChange) -> set[int]:
+        """Ids of the holds that have a node that moved, vanished or has a child, and 0."""
+        rows = (change.moved_nodes, change.moved_anchors.ravel(), change.copy_parents,
+                change.vanished_nodes)  # fmt: skip
+        return set(self.owner[np.concatenate(rows)].tolist())
 
     @staticmethod
     def _follow_moved(

@@ -58,6 +58,19 @@ CHANGED, MADE, REMOVED, STIFFER = 1, 2, 3, 4
 
 
 @njit(cache=True, nogil=True)
+def place_rest(
+    nodes: NDArray[np.int32],
+    rest: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    out: NDArray[np.floating],
+) -> None:
+    """Rest positions of nodes from an origin [m], in the kernels' precision. Writes out[nodes]."""
+    for node in nodes:
+        for axis in range(3):
+            out[node, axis] = rest[node, axis] - origin[axis]
+
+
+@njit(cache=True, nogil=True)
 def _volume(rest, tets, row):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     a, b, c, d = tets[row, 0], tets[row, 1], tets[row, 2], tets[row, 3]
     p0, p1, p2 = rest[b, 0] - rest[a, 0], rest[b, 1] - rest[a, 1], rest[b, 2] - rest[a, 2]

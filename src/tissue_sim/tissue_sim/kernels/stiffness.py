@@ -81,17 +81,14 @@ def shape_gradients(
         The volume [m^3]; 0 for an element without one, whose gradients are not written.
     """
     a, b, c, d = tets[element, 0], tets[element, 1], tets[element, 2], tets[element, 3]
-    e = np.empty((3, 3))
-    for k in range(3):
-        e[0, k] = rest[b, k] - rest[a, k]
-        e[1, k] = rest[c, k] - rest[a, k]
-        e[2, k] = rest[d, k] - rest[a, k]
-    for row in range(3):
-        p, q = (row + 1) % 3, (row + 2) % 3
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            g[row + 1, k] = e[p, m] * e[q, n] - e[p, n] * e[q, m]
-    six = e[0, 0] * g[1, 0] + e[0, 1] * g[1, 1] + e[0, 2] * g[1, 2]
+    # Numbers and no array of them: making one takes longer than all the rest.
+    x0, x1, x2 = rest[b, 0] - rest[a, 0], rest[b, 1] - rest[a, 1], rest[b, 2] - rest[a, 2]
+    y0, y1, y2 = rest[c, 0] - rest[a, 0], rest[c, 1] - rest[a, 1], rest[c, 2] - rest[a, 2]
+    z0, z1, z2 = rest[d, 0] - rest[a, 0], rest[d, 1] - rest[a, 1], rest[d, 2] - rest[a, 2]
+    g[1, 0], g[1, 1], g[1, 2] = y1 * z2 - y2 * z1, y2 * z0 - y0 * z2, y0 * z1 - y1 * z0
+    g[2, 0], g[2, 1], g[2, 2] = z1 * x2 - z2 * x1, z2 * x0 - z0 * x2, z0 * x1 - z1 * x0
+    g[3, 0], g[3, 1], g[3, 2] = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
+    six = x0 * g[1, 0] + x1 * g[1, 1] + x2 * g[1, 2]
     if six == 0.0:
         return 0.0
     for k in range(3):
@@ -109,6 +106,7 @@ def assemble_rows(
     rest: NDArray[np.float64],
     matter: Matter,
     rows: BlockRows,
+    place_of: NDArray[np.int32],
     inverse: NDArray[np.floating],
 ) -> None:
     """Rows of nodes and the inverses of their diagonal blocks, from the elements at them.
@@ -122,6 +120,7 @@ def assemble_rows(
         rest: Rest positions [m], shape (node_capacity, 3).
         matter: What the elements are made of.
         rows: The matrix; the rows of the nodes are written.
+        place_of: -1 for each node, and -1 again afterwards, shape (node_capacity,).
         inverse: Inverse diagonal blocks [m/N], shape (node_capacity, 9); written; zero for a node
             without elements.
     """
@@ -133,6 +132,9 @@ def assemble_rows(
         if degree > len(sums):
             sums = np.empty((2 * degree, 9))
         sums[:degree] = 0.0
+        # Of two places for one neighbour, a spring's and a stitch's behind it, the first counts.
+        for place in range(degree - 1, -1, -1):
+            place_of[rows.neighbour[begin + place]] = place
         first = np.int64(elements.start[node])
         for entry in range(first, first + np.int64(elements.degree[node])):
             element = elements.data[entry]
@@ -148,10 +150,8 @@ def assemble_rows(
                 if b == a:
                     continue
                 other = elements.tets[element, b]
-                place = 0
-                while place < degree and rows.neighbour[begin + place] != other:
-                    place += 1
-                if place == degree:
+                place = int(place_of[other])
+                if place < 0:
                     continue  # An element too flat for the network to have its edges.
                 dot = g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2]
                 for i in range(3):
@@ -168,6 +168,7 @@ def assemble_rows(
                             sums[place, 3 * i + j] += along * f[element, i] * f[element, j]
         diagonal[:] = 0.0
         for place in range(degree):
+            place_of[rows.neighbour[begin + place]] = -1
             for i in range(3):
                 for j in range(3):
                     rows.blocks[begin + place, 3 * i + j] = sums[place, 3 * i + j]

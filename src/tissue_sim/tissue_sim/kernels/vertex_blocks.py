@@ -66,7 +66,8 @@ def _shape_gradients(rest, i, a, b, c, out):  # type: ignore[no-untyped-def] # n
     det = x0 * out[0] + x1 * out[1] + x2 * out[2]
     xx, yy = x0 * x0 + x1 * x1 + x2 * x2, y0 * y0 + y1 * y1 + y2 * y2
     zz = z0 * z0 + z1 * z1 + z2 * z2
-    flat = abs(det) <= FLAT * max(xx, yy, zz) ** 1.5
+    longest = max(xx, yy, zz)
+    flat = det * det <= FLAT**2 * longest * longest * longest
     for k in range(9):
         out[k] = 0.0 if flat else out[k] / det
     return 0.0 if flat else abs(det) / 6.0
