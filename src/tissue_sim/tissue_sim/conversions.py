@@ -385,8 +385,7 @@ def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) ->
     for name in (*_EDIT_IDS, *_EDIT_REALS, *_EDIT_KINDS):
         fill(getattr(message, name), getattr(edit, name))
     message.added_patches = [patch_to_msg(patch) for patch in edit.added_patches]
-    if hasattr(message, "held_by"):
-        message.held_by = edit.held_by
+    message.held_by = edit.held_by
     return message
 
 
@@ -431,6 +430,7 @@ def edit_from_msg(message: EditMsg) -> TopologyEdit:
         kind=message.kind,
         author=message.author,
         request_id=message.request_id,
+        held_by=str(getattr(message, "held_by", "")),
         added_patches=tuple(map(patch_from_msg, getattr(message, "added_patches", ()))),
         **arrays,
     )

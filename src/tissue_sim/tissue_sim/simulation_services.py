@@ -147,8 +147,7 @@ class SimulationServices:
             applied = answer.values["applied"]
             stamp = self._node.get_clock().now().to_msg()
             response.version = applied.change.edit.version
-            if hasattr(response, "hold_id"):
-                response.hold_id = int(answer.values["hold_id"])
+            response.hold_id = int(answer.values["hold_id"])
             response.apply_ms = 1e3 * float(applied.seconds)
             response.applied = conversions.edit_to_msg(
                 applied.change.edit, answer.values["epoch"], self._frame_id, stamp
