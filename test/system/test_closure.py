@@ -159,11 +159,11 @@ def _sew(simulation: FakeSimulation, observer: Observer) -> None:
     assert len(simulation.applied) == 0
     made = observer.sew_rim(hole="window", patch_name="patch 1", spacing=0.0025, length=0.0002)
     assert made.success, made.message
-    assert len(made.made) == len(simulation.mesh.sutures) == 22
+    assert len(made.made) == len(simulation.mesh.sutures) == 16
     assert simulation.applied[-1].kind == "suture"
     around = observer.sew_rim(edge(), spacing=0.0025, running=True, length=-1.0)
     assert around.success, around.message
-    assert (len(around.made), around.made_group) == (44, 23)
+    assert (len(around.made), around.made_group) == (32, 17)
 
 
 def _lose(simulation: FakeSimulation, observer: Observer) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from cut_service.loops import closest_shares, matched, shares_of
 from cut_service.suturing import (
     MOST_STITCHES,
     REACH,
@@ -26,9 +27,6 @@ from tissue_sim.geometry.patches import Patch
 
 Reals = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-STARTS = 360
-"""Places on the edge of a hole that are tried as the first stitch's."""
 
 FEWEST = 3
 """Fewest stitches of a rim."""
@@ -63,7 +61,7 @@ class _Proposal:
         ends: Node rows of patch and tissue of each, shape (n, 2).
         wanted_at: Places where the tissue is wanted [m], shape (n, 3).
         away: How far the tissue is from there [m], shape (n,).
-        cost: Sum of squares of what lies between rim and tissue [m^2].
+        cost: Mean square of the length of the stitches [m^2].
     """
 
     ends: Rows
@@ -94,54 +92,73 @@ def plan_rim(mesh: Mesh, shape: NDArray[np.floating], patch: Patch, wanted: Sewi
         raise SutureError(SutureCode.INVALID, "a rim needs a spacing of stitches, more than 0 m")
     places = np.asarray(shape, dtype=np.float64)
     loop = _checked(wanted.positions) if len(wanted.positions) else None
-    tissue = np.unique(surface_of(mesh).tissue).astype(np.int64)
-    if not len(tissue):
-        raise SutureError(SutureCode.NOTHING_THERE, "there is no tissue besides patches")
-    tree = cKDTree(places[tissue])
+    tissue = _Tissue.of(mesh, places)
     found = []
     for rim in _longest_of_each_side(mesh, patch):
-        at = _spread(places, rim, loop, wanted.spacing)
-        there, cost = (places[at], 0.0) if loop is None else matched(places[at], loop)
-        distances, nearest = tree.query(there)
-        away = np.asarray(distances, dtype=np.float64)
-        cost += float(np.square(away).sum())
-        found.append(_Proposal(np.stack([at, tissue[nearest]], axis=1), there, away, cost))
+        shares = _spread(places[rim.nodes], loop, wanted.spacing)
+        if loop is None:
+            found.append(_to_the_closest(places, rim, shares, tissue))
+        else:
+            found += _to_the_loop(places, rim, shares, loop, tissue)
     best = min(found, key=lambda proposal: proposal.cost)
     _refuse_far(best, wanted.reach or REACH)
     return stitched(mesh, places, _each_once(best.ends), wanted, closed=True)
 
 
-def matched(line: Reals, loop: Reals) -> tuple[Reals, float]:
-    """Places spread evenly along a loop, each opposite a place of a line that runs around it too.
+@dataclass(frozen=True)
+class _Tissue:
+    """Nodes of the surface that are of no patch.
 
-    Of all starting points and both directions that with the least sum of squares of distances.
-
-    Args:
-        line: Places in turn [m], shape (n, 3).
-        loop: Corners of a closed loop [m], shape (m, 3).
-
-    Returns:
-        Places on the loop [m], shape (n, 3), and that sum [m^2].
+    Attributes:
+        nodes: Their rows, shape (n,).
+        tree: Where they are.
     """
-    whole, count = perimeter(loop), len(line)
-    starts = whole * np.arange(STARTS) / STARTS
-    best, cost = line, np.inf
-    for corners in (loop, loop[::-1]):
-        ways = (starts[:, None] + whole * np.arange(count) / count) % whole
-        places = along(corners, ways.ravel()).reshape(STARTS, count, 3)
-        costs = np.square(places - line).sum(axis=(1, 2))
-        first = int(np.argmin(costs))
-        if costs[first] < cost:
-            best, cost = places[first], float(costs[first])
-    return best, cost
+
+    nodes: Rows
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, mesh: Mesh, places: Reals) -> _Tissue:
+        nodes = np.unique(surface_of(mesh).tissue).astype(np.int64)
+        if not len(nodes):
+            raise SutureError(SutureCode.NOTHING_THERE, "there is no tissue besides patches")
+        return cls(nodes, cKDTree(places[nodes]))
+
+    def closest(self, wanted: Reals) -> tuple[Rows, Reals]:
+        """The nodes closest to places [m], and how far they are away [m]."""
+        distances, nearest = self.tree.query(wanted)
+        return self.nodes[nearest], np.asarray(distances, dtype=np.float64)
 
 
-def along(loop: Reals, ways: Reals) -> Reals:
-    """Places at so much way [m] along a closed loop, shape (k, 3)."""
-    corners = np.concatenate([loop, loop[:1]])
-    sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    reached = np.append(0.0, np.cumsum(sides))
-    return np.stack([np.interp(ways, reached, corners[:, axis]) for axis in range(3)], axis=1)
+def _to_the_closest(places: Reals, rim: Rim, shares: Reals, tissue: _Tissue) -> _Proposal:
+    at = rim.nodes[closest_shares(shares_of(places[rim.nodes]), shares)]
+    there, away = tissue.closest(places[at])
+    return _proposal(places, at, there, places[at], away)
+
+
+def _to_the_loop(
+    places: Reals, rim: Rim, shares: Reals, loop: Reals, tissue: _Tissue
+) -> list[_Proposal]:
+    """Stitches from the rim's nodes to what is opposite, and from the tissue's.
+
+    Both are at nodes. Whichever are chosen first, the others are those closest to what is opposite
+    them: where the one mesh is coarse, stitches do not pull along the edge.
+    """
+    line = places[rim.nodes]
+    own, match = shares_of(line), matched(line, loop, len(shares))
+    at = closest_shares(own, shares)
+    wanted = match.opposite(own[at])
+    there, away = tissue.closest(wanted)
+    rim_first = _proposal(places, rim.nodes[at], there, wanted, away)
+    wanted = match.opposite(shares)
+    there, away = tissue.closest(wanted)
+    at = closest_shares(own, match.shares_at(places[there]))
+    return [rim_first, _proposal(places, rim.nodes[at], there, wanted, away)]
+
+
+def _proposal(places: Reals, at: Rows, there: Rows, wanted: Reals, away: Reals) -> _Proposal:
+    cost = float(np.square(places[at] - places[there]).sum(axis=1).mean())
+    return _Proposal(np.stack([at, there], axis=1), wanted, away, cost)
 
 
 def _checked(positions: Reals) -> Reals:
@@ -162,18 +179,17 @@ def _longest_of_each_side(mesh: Mesh, patch: Patch) -> list[Rim]:
     return [rim for side in sides for rim in side]
 
 
-def _spread(places: Reals, rim: Rim, loop: Reals | None, spacing: float) -> Rows:
-    """Nodes of the rim that are closest to places spread evenly along it, in turn, shape (n,)."""
-    line = places[rim.nodes]
-    way = perimeter(line)
-    longest = max(way, perimeter(loop)) if loop is not None else way
+def _spread(line: Reals, loop: Reals | None, spacing: float) -> Reals:
+    """Shares of a closed line that are evenly apart, as many as there are stitches, (n,)."""
+    longest = perimeter(line)
+    if loop is not None:
+        longest = max(longest, perimeter(loop))
     count = max(round(min(longest / spacing, 2.0 * MOST_STITCHES)), FEWEST)
     if count > MOST_STITCHES:
         raise SutureError(
             SutureCode.INVALID, f"{count} stitches or more; allowed: up to {MOST_STITCHES}"
         )
-    _, nearest = cKDTree(line).query(along(line, way * np.arange(count) / count))
-    return np.asarray(rim.nodes[nearest])
+    return np.arange(count) / count
 
 
 def _refuse_far(proposal: _Proposal, reach: float) -> None:

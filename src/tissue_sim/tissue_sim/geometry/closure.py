@@ -83,12 +83,12 @@ class Closure:
     @property
     def covered(self) -> float:
         """Share of the disc's area that is closed; 1 where nothing of it is left."""
-        return self.by_patches + self.by_tissue
+        return min(1.0, self.by_patches + self.by_tissue)
 
     @property
     def open_area(self) -> float:
         """What is open [m^2]."""
-        return self.area * max(0.0, 1.0 - self.covered)
+        return self.area * (1.0 - self.covered)
 
 
 @dataclass(frozen=True)
