@@ -1,4 +1,4 @@
-"""Whatever is cut, torn, burned, sewn, undone and made again in whatever order: always valid.
+"""Whatever is cut, torn, burned, patched, sewn and undone, in whatever order: always valid.
 
 hypothesis chooses the order and shrinks it to the shortest one that fails.
 """
@@ -82,6 +82,15 @@ class Edits(RuleBasedStateMachine):
     @rule(seed=SEEDS)
     def burn(self, seed: int) -> None:
         self.by(random_edits.burn, seed)
+
+    @rule(seed=SEEDS)
+    def patch(self, seed: int) -> None:
+        self.by(random_edits.patch, seed)
+
+    @precondition(lambda self: len(self.trial.mesh.patches) > 0)
+    @rule(seed=SEEDS)
+    def sew_rim(self, seed: int) -> None:
+        self.by(random_edits.sew_rim, seed)
 
     @rule(seed=SEEDS)
     def sew(self, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Random cuts, tears, burns and stitches of an organ, and undos and redos of them."""
+"""Random cuts, tears, burns, patches and stitches of an organ, and undos and redos of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from cut_service.burning import BurnSettings, Touch, peak_density, plan_burn
 from cut_service.errors import CutCode, CutError
+from cut_service.patching import PatchCode, PatchError, Wanted, plan_patch
 from cut_service.planner import Settings, plan
+from cut_service.rim import plan_rim
 from cut_service.sheet_tearing import SheetTearSettings, plan_sheet_tear
 from cut_service.stress import element_material
 from cut_service.suturing import (
@@ -207,6 +209,50 @@ def burn(trial: Trial) -> None:
     trial.carry_out("burn", edit)
 
 
+def patch(trial: Trial) -> None:
+    """Lay a patch of a random outline somewhere near a node: one more part."""
+    random, places, size = trial.random, trial.places, trial.size
+    corners = int(random.integers(3, 9))
+    turn = 2.0 * np.pi * (np.arange(corners) + random.uniform(0.0, 0.4, corners)) / corners
+    radii = size * random.uniform(0.06, 0.2, (corners, 1))
+    x, y, out = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    outline = radii * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y)
+    centre = places[random.choice(trial.living)] + 0.1 * size * random.normal() * out
+    wanted = Wanted(centre + outline, thickness=size * random.uniform(0.005, 0.03))
+    try:
+        planned = plan_patch(trial.mesh, places, wanted)
+    except PatchError as error:
+        # Corners that nearly meet are refused, and so are more patches than an organ has.
+        if error.code != PatchCode.INVALID:
+            trial.fault(f"patch refused, {error.code.name}: {error}")
+        trial.missed["patch"] += 1
+        return
+    parts = trial.valid.parts
+    if trial.carry_out("patch", planned.edit).parts != parts + 1:
+        trial.fault(f"{trial.valid.parts} parts after a patch was laid, {parts} before")
+
+
+def sew_rim(trial: Trial) -> None:
+    """Sew one of the patches to the tissue around it."""
+    random, there = trial.random, list(trial.mesh.patches)
+    if not there:
+        trial.missed["rim"] += 1
+        return
+    size = trial.size
+    wanted = Sewing(
+        np.empty((0, 3)), size * random.uniform(0.02, 0.1), bool(random.integers(2)),
+        min(FARTHEST_REACH, 0.5 * size), 0.0, float(random.choice((-1.0, -0.5, 0.0))),
+    )  # fmt: skip
+    try:
+        edit = plan_rim(trial.mesh, trial.places, there[random.integers(len(there))], wanted)
+    except SutureError as error:
+        if error.code not in (SutureCode.NOTHING_THERE, SutureCode.NO_RIM):
+            trial.fault(f"sewing a rim refused, {error.code.name}: {error}")
+        trial.missed["rim"] += 1
+        return
+    trial.carry_out("rim", edit, 0.0)
+
+
 def sew(trial: Trial) -> None:
     """Sew single stitches or along two lines between places near each other."""
     random, places, size = trial.random, trial.places, trial.size
@@ -285,8 +331,8 @@ def redo(trial: Trial) -> None:
 
 
 OPERATIONS: dict[Callable[[Trial], None], float] = {
-    cut: 0.36, tear: 0.15, burn: 0.06, sew: 0.13, tighten: 0.05, unsew: 0.05, cut_thread: 0.06,
-    undo: 0.08, redo: 0.06,
+    cut: 0.34, tear: 0.14, burn: 0.06, patch: 0.05, sew_rim: 0.04, sew: 0.1, tighten: 0.04,
+    unsew: 0.04, cut_thread: 0.05, undo: 0.08, redo: 0.06,
 }  # fmt: skip
 """What a session is made of, and how often."""
 

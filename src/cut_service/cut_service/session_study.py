@@ -33,8 +33,8 @@ ORGANS: dict[str, Callable[[], SceneGeometry]] = {
     "heart": lambda: scene_geometry.load("heart"),
 }
 SESSIONS = {
-    "wall": 120, "shell": 60, "shell, surfaces": 40, "shell, connected surfaces": 40,
-    "wall, connected surfaces": 40, "heart": 12,
+    "wall": 100, "shell": 50, "shell, surfaces": 25, "shell, connected surfaces": 25,
+    "wall, connected surfaces": 25, "heart": 10,
 }  # fmt: skip
 STEPS = 60
 """Operations in a session; one that undoes or makes again is up to ten edits."""
@@ -54,7 +54,8 @@ class SessionTally:
         missed: Requests that changed nothing, by what made them.
         most_parts: Largest number of parts.
         deepest: Most edits undone in a row.
-        volume: Largest change of rest volume by one edit that takes nothing out, as a share.
+        volume: Largest change of rest volume by one edit that takes out and adds nothing, as a
+            share.
         ratio: Smallest radius ratio.
         parted: Planes right through the organ's middle.
         parted_in_two: Those that left two parts of each that there was.
@@ -141,6 +142,7 @@ _COLUMNS: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
     ("cuts", lambda r: f"{_sum(r, 'cut')}"),
     ("tears", lambda r: f"{_sum(r, 'tear')}"),
     ("burns", lambda r: f"{_sum(r, 'burn')}"),
+    ("patches (sewn in)", lambda r: f"{_sum(r, 'patch')} ({_sum(r, 'rim')})"),
     ("sewn, tightened, taken out", lambda r: ", ".join(
         f"{_sum(r, what)}" for what in ("sew", "tighten", "unsew")
     )),

@@ -308,6 +308,18 @@ def _volume_change(work: SheetWork, snapping: SheetSnapping) -> float:
     return float(change @ thickness)
 
 
+def _parents_of_walls(work: SheetWork, parting: Parting, walls: Rows, through: Rows) -> list[int]:
+    """For each wall a spring through the tissue at one of its corners: it is of that region."""
+    found = []
+    for corners in walls.tolist():
+        old = [n if n < parting.first_copy else parting.parents[n - parting.first_copy]
+               for n in corners]  # fmt: skip
+        rows = work.mesh.incident.of_all(np.unique(old).astype(np.int32))
+        rows = rows[work.rows.kinds[rows] == CONNECTING]
+        found.append(int(rows[0]) if len(rows) else int(through[0]))
+    return found
+
+
 def _edit(
     work: SheetWork,
     parting: Parting,
@@ -341,9 +353,8 @@ def _edit(
     ]  # fmt: skip
     removed = np.array([*springs.removed, *lost], dtype=np.int32)
     pairs = np.array([pair for pair, _ in springs.added], dtype=np.int64)
-    parents = (
-        [row for _, row in springs.added] + [int(through[0])] * len(walls) if len(through) else []
-    )
+    parents = [row for _, row in springs.added] if len(through) else []
+    parents += _parents_of_walls(work, parting, walls, through)
     split = np.array(sorted(parting.fans), dtype=np.int32)
     path = np.unique(np.concatenate([keys >> 32, keys & 0xFFFFFFFF])).astype(np.int32)
     read = np.union1d(mesh.incident.of_all(path), [*springs.removed, *rewritten, *lost, *parents])

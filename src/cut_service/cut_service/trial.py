@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from cut_service.burning import Burns
 from cut_service.validity import Validity, lists_of, look_at
 from tissue_sim.elastic.model import State
-from tissue_sim.geometry.edit import EditChange, TopologyEdit
+from tissue_sim.geometry.edit import NO_PARENT, EditChange, TopologyEdit
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.raw_mesh import RawMesh
+from tissue_sim.geometry.sheet import triangle_areas
 
 Reals = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ def remembered(mesh: Mesh) -> dict[str, str]:
         "their lengths": table.lengths, "their stiffness": table.stiffness,
         "their threads": table.groups,
     }  # fmt: skip
+    names = f"{mesh.patches.items} {sorted(mesh.region_names.items())}"
+    arrays["patches and regions"] = np.frombuffer(names.encode(), dtype=np.uint8)
     if mesh.sheet_rows is not None:
         arrays["kinds"] = mesh.sheet_rows.kinds[elements]
         arrays["tissue"] = mesh.sheet_rows.tissue[elements]
@@ -64,7 +67,8 @@ class Trial:
         valid: What the organ was found to be after the last edit.
         most_parts: Most parts it ever had.
         deepest: Most edits that were undone in a row.
-        volume: Largest change of rest volume by one edit that takes nothing out, as a share.
+        volume: Largest change of rest volume by one edit that takes nothing out and adds
+            nothing, as a share.
         ratio: Smallest radius ratio ever.
         last: The last sweep, to cut along it again.
     """
@@ -122,7 +126,7 @@ class Trial:
         Args:
             what: What made it.
             edit: The plan.
-            kept: Share of the rest volume that it may change, what it takes out aside.
+            kept: Share of the rest volume that it may change, what it takes out or adds aside.
             still: Rows of nodes that must not be moved, fixed ones aside.
         """
         mesh, before = self.mesh, self.valid
@@ -139,10 +143,11 @@ class Trial:
         self.ratio = min(self.ratio, after.ratio)
         for fault in after.faults:
             self.fault(f"after {what}: {fault}")
+        born = self._volume_of(change.edit.added_elements[edit.added_parents == NO_PARENT])
         share = after.volume / before.volume - 1.0
-        if abs(share + gone / before.volume) > kept:
+        if abs(share + (gone - born) / before.volume) > kept:
             self.fault(f"{what} changed the rest volume by {share:.3g} of it")
-        if not gone:
+        if not gone and not born:
             self.volume = max(self.volume, abs(share))
         moved = (mesh.rest[stays] != rest[stays]).any(axis=1)
         if np.isin(stays[moved], change.moved_nodes, invert=True).any():
@@ -202,9 +207,12 @@ class Trial:
         return change
 
     def _volume_of(self, ids: NDArray[np.uint32]) -> float:
-        if self.mesh.sheet_rows is not None or not len(ids):
-            return 0.0
-        corners = self.mesh.rest[self.mesh.tets[self.mesh.element_rows_of(ids)]]
+        rows, sheet = self.mesh.element_rows_of(ids), self.mesh.sheet_rows
+        if sheet is not None:
+            rows = rows[sheet.carries(rows)]
+            areas = triangle_areas(self.mesh.rest, self.mesh.tets[rows, :3])
+            return float(areas @ sheet.tissue[rows])
+        corners = self.mesh.rest[self.mesh.tets[rows]]
         return float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0)
 
     def _upright(self) -> bool:

@@ -71,9 +71,9 @@ def look_at(mesh: Mesh) -> Validity:
 
     Elements have a positive rest volume; a face is in one or two elements; nodes are alive if and
     only if an element has them; all elements at a node are connected through faces that contain it;
-    the lists of what meets at each node say what the elements say; and stitches join two nodes that
-    are there. Of a sheet the same holds of triangles and their edges, and springs join two nodes
-    that are there, each pair once.
+    the lists of what meets at each node say what the elements say; stitches join two nodes that are
+    there; and a patch shares no node with the organ. Of a sheet the same holds of triangles and
+    their edges, and springs join two nodes that are there, each pair once.
     """
     rows = mesh.element_rows
     living = np.flatnonzero(mesh.element_alive[:rows])
@@ -81,7 +81,7 @@ def look_at(mesh: Mesh) -> Validity:
     faults = _node_faults(mesh, items)
     if not _lists_agree(mesh, living, items):
         faults.append("lists of elements at nodes that do not say what the elements say")
-    faults += _stitch_faults(mesh)
+    faults += _stitch_faults(mesh) + _patch_faults(mesh, living, items)
     if mesh.sheet_rows is not None:
         faults += sheet_faults(mesh)
         first, second, number = sheet_joints(mesh)
@@ -115,6 +115,26 @@ def _node_faults(mesh: Mesh, items: NDArray[np.int64]) -> list[str]:
     if not np.isfinite(mesh.rest[used]).all():
         faults.append("rest positions that are not finite")
     return faults
+
+
+def _patch_faults(mesh: Mesh, living: NDArray[np.int64], items: NDArray[np.int64]) -> list[str]:
+    """Whether a patch has nodes of the organ or of another patch, or no name."""
+    labels = mesh.patches.labels
+    if not set(labels.tolist()) <= set(mesh.region_names):
+        return ["a patch whose region has no name"]
+    if not len(labels):
+        return []
+    region = mesh.regions[living]
+    of = np.where(np.isin(region, labels), region, -1)
+    there = items >= 0
+    ends, whose = items[there], np.broadcast_to(of[:, None], items.shape)[there]
+    low, high = np.full(mesh.node_rows, 1 << 30), np.full(mesh.node_rows, -2)
+    np.minimum.at(low, ends, whose)
+    np.maximum.at(high, ends, whose)
+    used = np.unique(ends)
+    if (low[used] != high[used]).any():
+        return ["nodes of a patch and of the organ at once"]
+    return []
 
 
 def _stitch_faults(mesh: Mesh) -> list[str]:

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cut_service.errors import CutCode, CutError
+from cut_service.patching import Wanted, plan_patch
 from cut_service.planner import Plan, Settings, plan
 from cut_service.sweep import Sweep
 from cut_service.validity import look_at
@@ -166,6 +167,21 @@ def test_snapping_takes_no_more_tissue_than_it_may(budget: float) -> None:
     assert after.volume - before == pytest.approx(planned.report.volume_change, abs=1e-9 * before)
     if budget:
         assert planned.report.distance_after[0] < planned.report.distance_before[0]
+
+
+def test_the_wall_of_a_cut_through_a_patch_is_of_the_patch() -> None:
+    mesh = connected()
+    corners = np.array([[-0.01, -0.01, 0.03], [0.01, -0.01, 0.03], [0.01, 0.01, 0.03],
+                        [-0.01, 0.01, 0.03]])  # fmt: skip
+    mesh.apply(plan_patch(mesh, mesh.rest[: mesh.node_rows], Wanted(corners, edge=0.003)).edit)
+    label = mesh.patches.labels[0]
+    sweep = square(np.array([0.001, 0.0, 0.03]), 0.005 * np.eye(3)[1], 0.005 * np.eye(3)[2])
+    planned = cut(mesh, sweep)
+    edit = mesh.apply(planned.edit).edit
+    walls = edit.added_elements[edit.added_nodes[:, 2] != NO_NODE]
+    assert len(walls)
+    assert (mesh.regions[walls] == label).all()
+    assert look_at(mesh).faults == ()
 
 
 def test_without_snapping_nothing_moves_and_areas_are_kept() -> None:
