@@ -73,8 +73,8 @@ def operate(plan: SessionPlan, quiet: bool = False) -> dict[str, float]:
             raise LaunchError(f"the procedure failed; its log ends with\n{words}")
         end_session(launcher)
         for name in (SIMULATION_PROCESS, BAG, RERUN, MONITOR):
-            ended = launcher.processes[name]
-            if ended.exit_code not in (0, None):
+            ended = launcher.processes.get(name)
+            if ended is not None and ended.exit_code not in (0, None):
                 console.print(f"{name} ended badly; its log ends with\n{ended.last_words()}")
         return {name: process.cpu_share for name, process in launcher.processes.items()}
 

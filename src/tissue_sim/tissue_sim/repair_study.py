@@ -67,7 +67,7 @@ def run_once(out: Path, model: str, changes: Mapping[str, Any]) -> dict[str, Any
         "load": load,
         "machine_late_share": empty_loop,
         **_loop(read_json(plan.monitor_file)),
-        "steps": _steps(read_json(plan.script_file)),
+        "steps": requests_of(plan.script_file),
         **tissue_figures(plan.bag_folder, procedure),
     }
 
@@ -92,8 +92,8 @@ def _loop(seen: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _steps(script: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What the services answered to each request of the script."""
+def requests_of(script: Path) -> list[dict[str, Any]]:
+    """What the services answered to each request of a session's script."""
     kept = (
         "time", "action", "target", "success", "milliseconds", "version", "plan_ms", "apply_ms",
         "covered", "gap", "nodes", "elements",
@@ -101,7 +101,7 @@ def _steps(script: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {name: request[name] for name in kept if name in request}
         | ({"stitches": len(request["sutures"])} if "sutures" in request else {})
-        for request in script.get("requests", [])
+        for request in read_json(script).get("requests", [])
     ]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from viz_bridge.cdr import Message
 from viz_bridge.moments import Moment, lips, opening
 from viz_bridge.organ_follower import OrganFollower
 from viz_bridge.organ_surface import OrganSurface, surface_of
-from viz_bridge.picture_scene import Camera, arrays_of
+from viz_bridge.picture_scene import Camera, arrays_of, handle_direction, tool_outline
 from viz_bridge.pictures import Pictures, render_files
 
 AXIS = np.array([-0.3843, 0.9224, 0.0384])
@@ -27,8 +27,11 @@ AXIS = np.array([-0.3843, 0.9224, 0.0384])
 PLACE = np.array([-3.2e-3, -14.5e-3, 11.8e-3])
 """What is looked at [m]: on that line, between the wall of the right atrium and the hole."""
 
-FAR, NEAR = 0.17, 0.085
+FAR, NEAR = 0.155, 0.085
 """Distances of the camera from there [m]."""
+
+IN_USE = 0.03
+"""Tools farther from there are put aside and not drawn [m]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ LAST = float("inf")
 WANTED = (
     Wanted("asd_taut", "Two hooks make the wall of the right atrium taut", 0, LAST, FAR),
     Wanted("asd_window", "Open by {opening:.0f} mm: the defect is in view", 1, LAST, NEAR),
-    Wanted("asd_patch", "A patch is carried in", 2, 1.7, NEAR),
+    Wanted("asd_patch", "A patch is carried in", 2, 3.7, NEAR),
     Wanted("asd_sewn", "Sewn over the defect, and let go", 4, 2.8, NEAR),
     Wanted("asd_thread", "The edges are brought together and sewn", 5, LAST, NEAR),
     Wanted("asd_closed", "Tightened and released", 6, LAST, FAR),
@@ -108,6 +111,23 @@ class _Finder:
             self.found[wanted.name] = (moment, positions[mesh.sutures.nodes])
 
 
+def _arrays(
+    moment: Moment, threads: NDArray[np.float32], wanted: Wanted
+) -> dict[str, NDArray[np.generic]]:
+    """What a picture shows; shafts of tools come from their own side, not across the wound."""
+    up = np.array([0.0, 0.0, 1.0])
+    camera = Camera(PLACE - wanted.away * AXIS, PLACE, up)
+    tools = [tool for tool in moment.tools if np.linalg.norm(tool.tip - PLACE) < IN_USE]
+    arrays = arrays_of(replace(moment, tools=tuple(tools)), camera)
+    handle, right = handle_direction(camera), np.cross(up, -AXIS)
+    right /= np.linalg.norm(right)
+    mirrored = handle - 2.0 * (handle @ right) * right
+    for number, tool in enumerate(tool for tool in tools if tool.state != "free"):
+        on_the_left = (tool.tip - PLACE) @ right < -0.001
+        arrays[f"tool{number}"] = tool_outline(tool, mirrored if on_the_left else handle)
+    return {**arrays, "threads": threads}
+
+
 def draw_repair(bag: Path, folder: Path) -> Pictures:
     """Draw the pictures of `WANTED` from the bag of a session that played asd_repair.yaml.
 
@@ -124,9 +144,7 @@ def draw_repair(bag: Path, folder: Path) -> Pictures:
     files = {}
     for wanted in WANTED:
         if wanted.name in finder.found:
-            moment, threads = finder.found[wanted.name]
-            camera = Camera(PLACE - wanted.away * AXIS, PLACE, np.array([0.0, 0.0, 1.0]))
-            files[wanted.name] = {**arrays_of(moment, camera), "threads": threads}
+            files[wanted.name] = _arrays(*finder.found[wanted.name], wanted)
     return render_files(files, folder)
 
 
