@@ -12,12 +12,15 @@ from support.elastic_scenes import (
     double,
     hold,
     release,
+    split_edit,
     steps,
     top_ball,
 )
 from tissue_sim.elastic.finite_element import FiniteElement
 from tissue_sim.elastic.loose_parts import LooseParts
+from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 
@@ -131,3 +134,32 @@ def test_removed_elements_pull_no_more_in_a_renewed_tangent() -> None:
         tangent.go_on()
     forces = model.forces(state, rows)
     np.testing.assert_allclose(tangent.next.force[rows], forces, atol=1e-9 * np.abs(forces).max())
+
+
+def test_parts_followed_through_edits_are_those_of_a_mesh_looked_at_anew() -> None:
+    mesh, history = block_mesh(7), EditHistory()
+    parts = LooseParts(mesh)
+
+    def follow(edit: TopologyEdit) -> bool:
+        """Whether the whole mesh was looked at."""
+        before = parts._label
+        change = mesh.apply(edit)
+        history.record(change)
+        parts.follow(change)
+        rows = mesh.node_rows
+        count, label = connected_components(
+            mesh.tets[: mesh.element_rows], mesh.element_alive[: mesh.element_rows], rows
+        )
+        own = parts._label[:rows]
+        np.testing.assert_array_equal(own >= 0, label >= 0)
+        assert len(set(zip(own.tolist(), label.tolist(), strict=True))) == len(np.unique(label))
+        assert parts._count == count
+        return parts._label is not before
+
+    assert not follow(split_edit(mesh, 0.03, above=0.02))
+    assert follow(split_edit(mesh, 0.01))
+    assert follow(history.undo(mesh))
+    assert not follow(history.undo(mesh))
+    assert not follow(history.redo(mesh))
+    assert follow(history.redo(mesh))
+    assert follow(without_a_layer(mesh))

@@ -326,7 +326,7 @@ class Corotated:
         self.shape[nodes] = state.displacement[nodes]
         self.tangent.follow_at(change, self.shape)
         self._aggregates.follow(change.copied_nodes, change.copy_parents, capacity)
-        self._loose.follow_elements()
+        self._loose.follow(change)
         self._moves += 1
         self._renewing = False
         self._disturb()

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csgraph
 
-from tissue_sim.geometry.components import connected_components
+from tissue_sim.geometry.components import connected_components, joined_as_labelled
+from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.rigid_parts import measure_parts, remove_rigid_motions
 
@@ -29,22 +30,50 @@ class LooseParts:
         self._begin = np.zeros(1, dtype=np.int64)
         self._arms, self._inverse = np.empty((0, 3)), np.empty((0, 6, 6))
         self._sums = np.empty((0, 2, 6, 6))
+        # Part of each node, and what `joined_as_labelled` leaves as it found it.
+        self._label = self._root = np.empty(0, dtype=np.int32)
         self.follow_elements()
 
+    def follow(self, change: EditChange) -> None:
+        """Follow an edit that the mesh has applied, in time proportional to it where it can be.
+
+        If what it touched hangs together around it as it did before, all parts are what they were.
+        Only if not, as when it separates a part, is everything looked at.
+        """
+        edit, mesh = change.edit, self._mesh
+        if edit.sews or len(change.released) or len(change.born_nodes):
+            self.follow_elements()
+            return
+        extra = mesh.node_capacity - len(self._label)
+        if extra > 0:
+            self._label = np.append(self._label, np.full(extra, -1, dtype=np.int32))
+            self._root = np.append(self._root, np.full(extra, -1, dtype=np.int32))
+        label, at = self._label, mesh.incident
+        label[change.returned_nodes] = label[change.returned_like]
+        label[change.copied_nodes] = label[change.copy_parents]
+        label[change.vanished_nodes] = -1
+        touched = change.nodes[mesh.node_alive[change.nodes]]
+        if not joined_as_labelled(
+            touched, label[touched], mesh.tets, at.start, at.count, at.data, self._root
+        ):
+            self.follow_elements()
+
     def follow_elements(self) -> None:
-        """Find the connected parts anew after an edit."""
-        mesh = self._mesh
-        rows = mesh.element_rows
-        self._count, self._label = connected_components(
+        """Find the connected parts anew."""
+        mesh, rows = self._mesh, self._mesh.element_rows
+        self._count, label = connected_components(
             mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
         )
         if len(mesh.sutures):
             # What is sewn together hangs together.
-            ends = self._label[mesh.sutures.nodes]
+            ends = label[mesh.sutures.nodes]
             shape = (self._count, self._count)
             joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape)
             self._count, whole = csgraph.connected_components(joined, directed=False)
-            self._label = np.append(whole, -1)[self._label]
+            label = np.append(whole, -1)[label]
+        self._label = np.full(mesh.node_capacity, -1, dtype=np.int32)
+        self._label[: len(label)] = label
+        self._root = np.full(mesh.node_capacity, -1, dtype=np.int32)
 
     def follow_prescribed(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
         """Find which parts are loose.
@@ -54,6 +83,8 @@ class LooseParts:
             prescribed: Nodes whose motion is given, shape (node_capacity,).
         """
         loose = self._loose(shape, prescribed)
+        if not len(loose) and not len(self._nodes):
+            return
         place = np.full(self._count + 1, -1)
         place[loose] = np.arange(len(loose))
         part = place[self._label]
@@ -75,15 +106,22 @@ class LooseParts:
         counts = np.bincount(label, minlength=self._count)
         divisor = counts.clip(min=1)[:, None]
         places = self._mesh.rest[given] + shape[given]
-        middle = np.zeros((self._count, 3))
-        np.add.at(middle, label, places)
+        middle = np.stack([self._sums_of(label, places[:, k]) for k in range(3)], axis=1)
         arms = places - (middle / divisor)[label]
-        spread = np.zeros((self._count, 3, 3))
-        np.add.at(spread, label, arms[:, :, None] * arms[:, None, :])
+        spread = np.empty((self._count, 3, 3))
+        for i in range(3):
+            for j in range(3):
+                spread[:, i, j] = self._sums_of(label, arms[:, i] * arms[:, j])
         # Ascending: the second is zero when all are in a line.
         widths = np.linalg.eigvalsh(spread)
         loose: NDArray[np.int64] = np.flatnonzero(~(widths[:, 1] > RIGID * widths[:, 2]))
         return loose
+
+    def _sums_of(
+        self, label: NDArray[np.integer], values: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Sum of the values of each part."""
+        return np.asarray(np.bincount(label, weights=values, minlength=self._count))
 
     def follow_shape(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
         """Rigid motions turn about the middles of parts in the present shape; see above."""
@@ -105,6 +143,11 @@ class LooseParts:
     def __len__(self) -> int:
         """How many parts are loose."""
         return len(self._begin) - 1
+
+    @property
+    def nodes(self) -> NDArray[np.int32]:
+        """Rows of their nodes, part by part."""
+        return self._nodes
 
     def hold_still(self, prescribed: NDArray[np.bool_], v: NDArray[np.floating]) -> None:
         """Take the rigid motions of loose parts out of a field of vectors. Modifies `v`."""

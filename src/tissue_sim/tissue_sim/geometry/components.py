@@ -57,6 +57,60 @@ def _label(
     return count
 
 
+@njit(cache=True, nogil=True)
+def joined_as_labelled(
+    nodes: NDArray[np.int32],
+    label: NDArray[np.int32],
+    items: NDArray[np.int32],
+    start: NDArray[np.int64],
+    count: NDArray[np.int32],
+    data: NDArray[np.int32],
+    parent: NDArray[np.int32],
+) -> bool:
+    """Whether nodes are joined by the items at them exactly if they have the same label.
+
+    Args:
+        nodes: Some nodes, shape (n,).
+        label: Their labels, shape (n,).
+        items: Node rows of each item.
+        start: Where each node's list begins in `data`, as in `Incidence`.
+        count: Length of each list.
+        data: Items at each node.
+        parent: -1 for each node, and -1 again afterwards.
+    """
+    for node in nodes:
+        for entry in range(start[node], start[node] + count[node]):
+            for corner in range(items.shape[1]):
+                parent[items[data[entry], corner]] = items[data[entry], corner]
+    for node in nodes:
+        first = _root(parent, node) if count[node] > 0 else node
+        for entry in range(start[node], start[node] + count[node]):
+            for corner in range(items.shape[1]):
+                other = _root(parent, items[data[entry], corner])
+                if other != first:
+                    parent[max(first, other)] = min(first, other)
+                    first = min(first, other)
+    roots, labels = np.empty(len(nodes), dtype=np.int32), np.empty(len(nodes), dtype=np.int32)
+    parts, same = 0, True
+    for k in range(len(nodes)):
+        if count[nodes[k]] == 0:
+            continue
+        root, known = _root(parent, nodes[k]), False
+        for part in range(parts):
+            same = same and (roots[part] == root) == (labels[part] == label[k])
+            known = known or roots[part] == root
+        if not same:
+            break
+        if not known:
+            roots[parts], labels[parts] = root, label[k]
+            parts += 1
+    for node in nodes:
+        for entry in range(start[node], start[node] + count[node]):
+            for corner in range(items.shape[1]):
+                parent[items[data[entry], corner]] = -1
+    return same
+
+
 def connected_components(
     items: NDArray[np.int32], alive: NDArray[np.bool_], node_count: int
 ) -> tuple[int, NDArray[np.int32]]:
