@@ -192,6 +192,11 @@ def spread_along(outline: NDArray[np.float64], spacing: float) -> NDArray[np.flo
         if good and _crossing(points) is None:
             return points
         step *= 0.8
+    return along_sides(outline, spacing)
+
+
+def along_sides(outline: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """Points along each side of an outline, all corners among them; as `spread_along`."""
     return _spread(outline, np.arange(len(outline)), spacing)
 
 

@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from tissue_sim.geometry.outline import (
     OutlineError,
+    along_sides,
     distance_from,
     perimeter,
     signed_area,
@@ -89,7 +90,10 @@ def mesh_outline(outline: NDArray[np.float64], edge: float, layers: int = 2) -> 
     middle = outline.mean(axis=0)
     rim = spread_along(outline - middle, edge)
     inner = _lattice(rim, edge)
-    rim, inner = _with_all_sides(rim, inner, most)
+    if len(_missing(np.concatenate([rim, inner]), len(rim))):
+        # Points that divide its sides shall be on the outline as well.
+        rim = along_sides(outline - middle, edge)
+        rim, inner = _with_all_sides(rim, _lattice(rim, edge), most)
     points = np.concatenate([rim, inner])
     triangles = _triangles(points, rim)
     if triangles is None:
