@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.holed_wall import HOLE, SIDE, TOP, add_patch, edge, holed_wall
+from support.patches import patch_edit
+from support.sheets import ball, shell
 from support.split_block import split_plan
 from tissue_sim.geometry.closure import LoopError
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.holes import Hole, HoleLostError, NothingThereError, name_hole
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.sheet_geometry import CONNECTED, SURFACE, SheetSettings, with_sheet
 
 MIDDLE = np.array([0.5 * SIDE, 0.5 * SIDE, TOP])
 
@@ -136,3 +139,25 @@ def test_what_is_no_hole_is_refused(
     wanted = {"name": "window", **changed}
     with pytest.raises(error, match=text):
         name_hole(mesh, mesh.rest[: mesh.node_rows], positions=positions, **wanted)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [SURFACE, CONNECTED])
+def test_holes_of_surfaces_are_open_until_a_patch_is_laid_over_them(kind: str) -> None:
+    raw = shell() if kind == CONNECTED else ball()
+    mesh = Mesh(with_sheet(raw, SheetSettings(kind), []))
+    rest = mesh.rest[: mesh.node_rows]
+    assert mesh.sheet_rows is not None
+    cap = np.flatnonzero(rest[mesh.tets[: mesh.element_rows]][:, :2, 2].min(axis=1) > 0.013)
+    mesh.apply(TopologyEdit(mesh.version, removed_elements=cap.astype(np.uint32)))
+    rest = mesh.rest[: mesh.node_rows].copy()
+    angles = 2.0 * np.pi * np.arange(16) / 16
+    around = np.stack([0.014 * np.cos(angles), 0.014 * np.sin(angles), 0.0 * angles + 0.0135], 1)
+    hole = name_hole(mesh, rest, "pole", around, reach=0.006)
+    found = hole.closure(mesh, rest)
+    assert found.covered < 0.15
+    assert found.gap > 0.02
+    mesh.apply(patch_edit(mesh, (-0.015, -0.015, 0.016), (8, 8), (0.03, 0.03)))
+    rest = mesh.rest[: mesh.node_rows].copy()
+    covered = hole.closure(mesh, rest)
+    assert covered.by_patches == pytest.approx(1.0)
+    assert covered.gap == 0.0
