@@ -1,4 +1,4 @@
-"""Parts that nothing, or too little, keeps from moving as a whole: corotated finite elements."""
+"""Parts that nothing, or too little, keeps from moving as a whole: finite elements."""
 
 from __future__ import annotations
 
@@ -163,3 +163,30 @@ def test_parts_followed_through_edits_are_those_of_a_mesh_looked_at_anew() -> No
     assert not follow(history.redo(mesh))
     assert follow(history.redo(mesh))
     assert follow(without_a_layer(mesh))
+
+
+def test_a_part_cut_free_is_not_dragged_along_by_linear_elements() -> None:
+    mesh = block_mesh(7)
+    model, state = build("finite_element", mesh)
+    rows = mesh.node_rows
+    low = np.flatnonzero(np.abs(mesh.rest[:rows] - [0.03, 0.03, 0.01]).max(axis=1) < 0.006)
+    held = hold(model, state, low, mesh)
+
+    def pull() -> None:
+        for _ in range(10):
+            state.displacement[held] += np.array([0.0, 0.0, 0.0002], dtype=np.float32)
+            steps(model, state, 20)
+
+    pull()
+    apply(mesh, model, state, without_a_layer(mesh))
+    steps(model, state, 200)
+    free = mesh.rest[:rows, 2] > 0.025
+    before = state.displacement[:rows][free].copy()
+    assert np.abs(before).max() > 1e-4
+    pull()
+    np.testing.assert_allclose(state.displacement[:rows][free], before, atol=2e-6)
+    release(model, state, mesh)
+    steps(model, state, 300)
+    assert model.idle
+    np.testing.assert_allclose(state.displacement[:rows][free], before, atol=2e-6)
+    assert np.abs(state.displacement[:rows][~free]).max() < 1e-6

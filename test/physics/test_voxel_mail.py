@@ -121,7 +121,7 @@ def test_voxels_carry_a_linear_motion_to_all_nodes(cut: bool) -> None:
         apply(mesh, model, state, split_edit(mesh, 0.03, above=0.02))
     lattice = model.lattice
     L = np.array([[0.1, -0.2, 0.05], [0.0, 0.3, 0.1], [-0.1, 0.02, 0.2]])
-    at = mesh.rest[:1].min() + lattice.place[: lattice.rows] * lattice.spacing
+    at = lattice.origin + lattice.place[: lattice.rows] * lattice.spacing
     model.displacement[: lattice.rows] = at @ L.T
     rows = mesh.node_rows
     carried = model.displacement[lattice.corner[:rows]] * lattice.weight[:rows, :, None]

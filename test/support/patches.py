@@ -55,11 +55,20 @@ def patch_edit(
     size: tuple[float, float] = (0.012, 0.009),
     patch: Patch = SOFT,
     request_id: str = "",
+    single: bool = False,
 ) -> TopologyEdit:
-    """A plan that adds a patch whose lowest corner is at a place, of the organ's own kind."""
+    """A plan that adds a patch whose lowest corner is at a place, of the organ's own kind.
+
+    `single` makes one sheet on a sheet and not two with springs between them.
+    """
     if mesh.sheet_rows is None:
         points, items = slab(counts, size, patch.thickness)
         kinds, tissue = np.empty(0, dtype=np.uint8), np.empty(0)
+    elif single:
+        points, triangles = grid(counts, size)
+        items = np.pad(triangles, ((0, 0), (0, 1)), constant_values=-1)
+        kinds = np.full(len(items), SURFACE, dtype=np.uint8)
+        tissue = np.full(len(items), patch.thickness)
     else:
         points, items, kinds, tissue = two_sheets(counts, size, patch.thickness)
     ids = np.where(items >= 0, PROVISIONAL + items.astype(np.int64), NO_NODE)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.conjugate_gradients import ConjugateGradients
 from tissue_sim.elastic.corotated import Corotated
 from tissue_sim.elastic.direct_solver import DirectSolver
+from tissue_sim.elastic.loose_parts import LooseParts
 from tissue_sim.elastic.mesh_model import MeshModel
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.region_solver import RegionSolver
@@ -114,8 +115,9 @@ class FiniteElement(MeshModel):
         self._stitches = StitchBlocks(self.stiffness)
         self.responses = Responses(mesh.node_capacity, self.springs.dtype)
         self._solver = ConjugateGradients(self.stiffness)
+        self._loose, self._at_rest = LooseParts(mesh), np.zeros((0, 3), self.springs.dtype)
         self._all = np.arange(mesh.node_capacity, dtype=np.int32)
-        self._prescribed = np.empty(0, dtype=np.int32)
+        self._prescribed, self._given = np.empty(0, dtype=np.int32), mesh.fixed.copy()
         self._work = [Work.NONE] * LANES
         self._shares = np.zeros((1, 1, LANES), dtype=self.springs.dtype)
         self._forces, self._until_forces = np.zeros(LANES), 0
@@ -123,6 +125,8 @@ class FiniteElement(MeshModel):
         # Compiled, or loaded from the cache, here: not every step calls it.
         shape = self.responses.sum
         add_share(0, np.zeros(0, dtype=np.bool_), shape, 0.0, shape, shape)
+        self._loose.hold_still(mesh.fixed, shape)
+        self._loose.hold_still(mesh.fixed, self._solver.x[:, :, 0])
         if self.values["direct"]:
             self._direct = DirectSolver(self.stiffness)
         elif self.values["interest_radius"]:
@@ -189,11 +193,18 @@ class FiniteElement(MeshModel):
             self._show(state)
             return
         self._solver.iterate(state.prescribed)
+        self._hold_still()
         self._show(state)
         for lane in np.flatnonzero(self._solver.active).tolist():
             if self._solved(lane, state):
                 self._finish(lane)
         self._renew_stitches(state)
+
+    def _hold_still(self) -> None:
+        """Take the motions of loose parts as a whole out of all lanes: K does not notice them."""
+        if len(self._loose):
+            for lane in np.flatnonzero(self._solver.active).tolist():
+                self._loose.hold_still(self._given, self._solver.x[:, :, lane])
 
     def _renew_stitches(self, state: State) -> None:
         """Take the stitches' load anew once the shape is corrected for the one before."""
@@ -254,6 +265,9 @@ class FiniteElement(MeshModel):
 
     def _begin_lane(self, lane: int, work: Work, shape: NDArray[np.floating]) -> None:
         self._work[lane] = work
+        if work is Work.RESPONSE:
+            # No force would ever take out of a guess what moves a loose part as a whole.
+            self._loose.hold_still(self._given, shape)
         self._solver.begin(lane, shape, change=work is Work.CORRECTION)
         if work is Work.CORRECTION and len(self._stitches):
             nodes = self._stitches.nodes
@@ -318,7 +332,7 @@ class FiniteElement(MeshModel):
         if self.corotated is not None:
             self.corotated.prescribed_changed(state, held)
             return
-        self._sew(state)
+        self._bind(state)
         arrays = self.springs.arrays
         patches = patches_of(held, arrays.start, arrays.degree, arrays.neighbour)
         self.responses.restart(state, held, patches)
@@ -358,7 +372,8 @@ class FiniteElement(MeshModel):
             self.corotated.follow(change, state)
             return
         self.stiffness.follow(change)
-        self._sew(state)
+        self._loose.follow(change)
+        self._bind(state)
         if self._direct is not None and (why := self._direct.follow(change)):
             self._direct = None
             self.events.append(f"finite_element: {why}")
@@ -368,9 +383,18 @@ class FiniteElement(MeshModel):
         self.responses.follow(change, state)
         self._begin_anew(state)
 
-    def _sew(self, state: State) -> None:
-        self._stitches.sew(state.displacement)
-        self.responses.strained = len(self._stitches) > 0
+    def _bind(self, state: State) -> None:
+        """Follow stitches, and what keeps parts in place; see `LooseParts`.
+
+        What moves a loose part as a whole moves nothing in K, that is by small angles from rest.
+        """
+        u = state.displacement
+        self._stitches.sew(u)
+        self._given = state.prescribed.copy()
+        if len(self._at_rest) != len(u):
+            self._at_rest = np.zeros_like(u)
+        self._loose.follow_prescribed(self._at_rest, self._given)
+        self.responses.strained = len(self._stitches) > 0 or bool(u[self._loose.nodes].any())
 
     def _begin_anew(self, state: State) -> None:
         rows = self.mesh.node_rows

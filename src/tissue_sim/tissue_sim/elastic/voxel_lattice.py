@@ -18,6 +18,10 @@ from tissue_sim.kernels.voxel_nodes import carry
 MOST_POINTS = 1 << 24
 """Grid points in the box around the organ."""
 
+SPACE = 0.5
+"""Space for patches at every side of the organ, in its lengths: points without tissue cost a byte
+or two, laying all voxels anew takes seconds."""
+
 MOST_SLOTS = 1 << 25
 """Grid points that elements reach, counted by element: 12 bytes each."""
 
@@ -51,6 +55,7 @@ class VoxelLattice:
         mesh: The mesh that is covered.
         spacing: Distance of voxels at rest [m].
         rows: Rows of voxels in use; those that are no more have no links.
+        origin: Where the first grid point is at rest [m], shape (3,).
         place: Grid point of each voxel, shape (voxel_capacity, 3).
         corner: Voxels that carry each node, shape (node_capacity, 8).
         weight: Their shares, those that are not zero first, shape (node_capacity, 8).
@@ -70,7 +75,7 @@ class VoxelLattice:
         """
         self.mesh, self._dtype = mesh, dtype
         rest = mesh.rest[: mesh.node_rows][mesh.node_alive[: mesh.node_rows]]
-        self._origin = rest.min(axis=0) if len(rest) else np.zeros(3)
+        self.origin = rest.min(axis=0) if len(rest) else np.zeros(3)
         self._extent = np.ptp(rest, axis=0) if len(rest) else np.ones(3)
         alive = mesh.element_alive[: mesh.element_rows]
         self._elements = np.flatnonzero(alive).astype(np.int32)
@@ -83,6 +88,7 @@ class VoxelLattice:
                     f"spacing = {spacing:g} m {why}; allowed: 0, {self.spacing:g} m on"
                 )
         self._size = self._size_at(self.spacing)
+        self._add_space()
         self.rows, self._used = 0, 0
         none = np.empty((0, 3), dtype=np.int32)
         self._boxes = Boxes(
@@ -107,6 +113,14 @@ class VoxelLattice:
         points = np.ceil(self._extent / spacing - kernels.CLOSE).astype(np.int64) + 1
         return np.maximum(points, 2)
 
+    def _add_space(self) -> None:
+        """Make the grid larger than the organ, its points where they are, as far as it may be."""
+        margin = int(SPACE * self._extent.max(initial=0.0) / self.spacing) + 1
+        while margin and (self._size + 2 * margin).prod() > MOST_POINTS:
+            margin -= 1
+        self.origin = self.origin - margin * self.spacing
+        self._size = self._size + 2 * margin
+
     def _too_many(self) -> str:
         """What makes this spacing too small; "" if nothing does."""
         size = np.maximum(np.ceil(self._extent / self.spacing), 1) + 1
@@ -127,12 +141,12 @@ class VoxelLattice:
         count: NDArray[np.int32],
     ) -> None:
         kernels.bound(
-            elements, self.mesh.tets, self.mesh.rest, self._origin, self.spacing, size, low, count
+            elements, self.mesh.tets, self.mesh.rest, self.origin, self.spacing, size, low, count
         )
 
     def covers(self, nodes: NDArray[np.int32]) -> bool:
         """Whether nodes lie within the grid at rest."""
-        place = (self.mesh.rest[nodes] - self._origin) / self.spacing
+        place = (self.mesh.rest[nodes] - self.origin) / self.spacing
         low, high = -kernels.CLOSE, self._size - 1 + kernels.CLOSE
         return bool(((place >= low) & (place <= high)).all())
 
@@ -254,7 +268,7 @@ class VoxelLattice:
         self.corner = _longer(self.corner, mesh.node_capacity, 0)
         self.weight = _longer(self.weight, mesh.node_capacity, 0)
         carry(
-            mesh.node_rows, mesh.node_alive, mesh.rest, self._origin, self.spacing, self._size,
+            mesh.node_rows, mesh.node_alive, mesh.rest, self.origin, self.spacing, self._size,
             self._marks.dirty, incident.start, incident.count, incident.data, self._boxes,
             self._slots.voxel, self.corner, self.weight,
         )  # fmt: skip
