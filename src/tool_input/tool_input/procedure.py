@@ -56,6 +56,9 @@ SHAPES = {"cut": ("rectangle", "triangle"), "patch": ("rectangle",)}
 
 DEFAULT_USE_SECONDS = 0.1
 
+MAKES_SUTURES = ("suture", "sew_rim")
+"""Actions whose stitches have a name from then on."""
+
 ALL_SUTURES = "all"
 """What `tighten` and `unsuture` call everything that is sewn."""
 
@@ -133,6 +136,18 @@ class Event:
         if self.action == "pause":
             return "pause" if self.value else "continue"
         return f"{self.action} {self.target}".strip()
+
+    def needs(self, earlier: Event) -> bool:
+        """Whether it names what an earlier event makes: stitches, a patch or a hole."""
+        if earlier.action in MAKES_SUTURES:
+            alters = self.action in ("tighten", "unsuture")
+            return alters and self.target in (earlier.target, ALL_SUTURES)
+        if earlier.action == "patch":
+            return self.stitching is not None and self.stitching.patch == earlier.target != ""
+        if earlier.hole is not None and len(earlier.hole.loop):
+            named = self.stitching.hole if self.stitching is not None else ""
+            return earlier.target in (named, self.target if self.hole is not None else "")
+        return False
 
 
 @dataclass(frozen=True)
@@ -307,7 +322,7 @@ class _Reader:
 
     def _sew(self, item: Item, time: float, action: str, keys: dict[str, Item]) -> None:
         subject, stitching = keys[action], None
-        if action in ("suture", "sew_rim"):
+        if action in MAKES_SUTURES:
             name = keys["name"].text() if "name" in keys else ""
             if name in (*self.sewn, ALL_SUTURES):
                 raise keys["name"].error(f"{name!r} is taken")

@@ -15,7 +15,7 @@ from tissue_interfaces.msg import Sweep
 from tissue_interfaces.srv import AddPatch, Closure, Cut, Grab, Release, SetModel, Suture, Undo
 
 from tool_input.patch_items import PatchItem
-from tool_input.procedure import ALL_SUTURES, Event, Procedure
+from tool_input.procedure import ALL_SUTURES, MAKES_SUTURES, Event, Procedure
 from tool_input.rim_items import HoleItem
 from tool_input.tool_topics import pose_message
 
@@ -43,9 +43,6 @@ SEWING = {
     "unsuture": Suture.Request.REMOVE,
 }
 """Actions of `tissue/suture`."""
-
-MAKES_SUTURES = ("suture", "sew_rim")
-"""Actions whose stitches have a name from then on."""
 
 
 class Requests:
@@ -76,8 +73,9 @@ class Requests:
             action: node.create_client(*SERVICES[action]) for action in sorted(actions)
         }
         self._session = f"script-{time.time_ns():x}"
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._waiting: dict[int, tuple[Event, float]] = {}
+        self._later: list[Event] = []
         self._count = 0
         self._sewn: dict[str, list[int]] = {}
         self.log: list[dict[str, Any]] = []
@@ -88,9 +86,13 @@ class Requests:
         return list(self._clients.values())
 
     def send(self, event: Event) -> None:
-        """Send the request of an event."""
-        self._count += 1
-        number = self._count
+        """Send the request of an event, once what it needs has been answered."""
+        with self._lock:
+            if self._too_early(event):
+                self._later.append(event)
+                return
+            self._count += 1
+            number = self._count
         try:
             request = self._request(event, f"{self._session}-{number}")
         except LookupError as error:
@@ -104,12 +106,33 @@ class Requests:
     def finish(self, ended: threading.Event) -> None:
         """Wait for the answers still missing; what does not come in time is a failure."""
         deadline = time.monotonic() + self._timeout
-        while self._waiting and time.monotonic() < deadline and not ended.wait(0.02):
+        while self._open() and time.monotonic() < deadline and not ended.wait(0.02):
             pass
         with self._lock:
             for event, _ in self._waiting.values():
                 self._fail(event, "no answer")
+            for event in self._later:
+                self._fail(event, "what it needs was not answered")
             self._waiting.clear()
+            self._later.clear()
+
+    def _open(self) -> bool:
+        """Whether answers are missing."""
+        with self._lock:
+            return bool(self._waiting or self._later)
+
+    def _too_early(self, event: Event) -> bool:
+        """Whether an event needs what has been asked for and not been answered."""
+        before = [earlier for earlier, _ in self._waiting.values()] + self._later
+        return any(event.needs(earlier) for earlier in before)
+
+    def _close(self, number: int) -> None:
+        """A request has been answered: send what waited for that."""
+        with self._lock:
+            self._waiting.pop(number, None)
+            later, self._later = self._later, []
+            for event in later:
+                self.send(event)
 
     def _request(self, event: Event, request_id: str) -> object:
         if event.action == "cut":
@@ -188,7 +211,7 @@ class Requests:
 
     def _answered(self, number: int, future: Future) -> None:
         with self._lock:
-            waiting = self._waiting.pop(number, None)
+            waiting = self._waiting.get(number)
         if waiting is None:
             return
         event, sent = waiting
@@ -210,6 +233,7 @@ class Requests:
             self._say(f"{event} done{': ' + answer.message if answer.message else ''}")
         else:
             self._fail(event, answer.message, logged=True)
+        self._close(number)
 
     def _fail(self, event: Event, message: str, logged: bool = False) -> None:
         if not logged:

@@ -45,6 +45,18 @@ def test_a_hole_is_named_and_a_rim_is_sewn_to_it() -> None:
     assert len(asked.hole.loop) == 0
 
 
+def test_what_names_what_another_step_makes_waits_for_its_answer() -> None:
+    named, patch, sewn, again, tightened, asked = parse_procedure(TEXT).events
+    needs = {
+        (later.where, earlier.where)
+        for later in (named, patch, sewn, again, tightened, asked)
+        for earlier in (named, patch, sewn, again, tightened, asked)
+        if later is not earlier and later.time > earlier.time and later.needs(earlier)
+    }
+    wanted = [(sewn, named), (sewn, patch), (again, patch), (tightened, sewn), (asked, named)]
+    assert needs == {(later.where, earlier.where) for later, earlier in wanted}
+
+
 @pytest.mark.parametrize(
     ("was", "now", "said"),
     [
