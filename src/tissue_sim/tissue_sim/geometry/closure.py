@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
 from tissue_sim.geometry.closure_kernels import Grid, cover, fill_disc, find_exits, nearest_places
 
@@ -26,6 +27,9 @@ MOST_SAMPLES = 400
 TURN = 0.3
 """Angle [rad] between the loop's longest extent and the grid: what is straight there is not seen
 by a whole row of samples at once."""
+
+FINER = 9
+"""Places along each axis, about the best sample, that are tried as the centre of a circle."""
 
 LEAST_ROUNDNESS = 1e-3
 """Least 4 pi area / perimeter^2 of a loop that encloses something: a slit 1 wide and 4000 long."""
@@ -218,14 +222,14 @@ def measure(loop: Reals, depth: float, pieces: Pieces, tissue: Reals) -> Closure
     total = float(disc.areas.sum())
     in_tissue = _in_tissue(disc, tissue) & (covered == 0)
     shares = {
-        int(owner): float(disc.areas[covered == owner].sum()) / total
+        int(owner): min(1.0, float(disc.areas[covered == owner].sum()) / total)
         for owner in np.unique(covered[covered > 0])
     }
     by_tissue = float(disc.areas[in_tissue].sum()) / total if total else 1.0
     gap, gap_at = _widest(disc, disc.grid.inside & (covered == 0) & ~in_tissue)
     edge_gap, edge_gap_at = _farthest_of_edge(loop, disc.grid.spacing, pieces.corners)
     return Closure(
-        total, sum(shares.values()), by_tissue, gap, gap_at, edge_gap, edge_gap_at, shares,
+        total, min(1.0, sum(shares.values())), by_tissue, gap, gap_at, edge_gap, edge_gap_at, shares,
         disc.grid.spacing, disc.axes[2],
     )  # fmt: skip
 
@@ -289,22 +293,26 @@ def _widest(disc: Disc, is_open: NDArray[np.bool_]) -> tuple[float, Reals]:
     spacing = disc.grid.spacing
     away = distance_transform_edt(np.pad(is_open, 1))[1:-1, 1:-1]
     i, j = np.unravel_index(int(np.argmax(away)), away.shape)
-    place = disc.grid.origin + spacing * (np.array([i, j]) + 0.5)
-    radius = _to_line(place, disc.loop[:, :2])
-    closed = np.argwhere(disc.grid.inside & ~is_open)
+    # The best centre lies between samples.
+    steps = np.linspace(-1.0, 1.0, FINER)
+    middle = np.array([i, j]) + 0.5
+    centres = middle + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    radii = _to_line(disc.grid.origin + spacing * centres, disc.loop[:, :2])
+    closed = np.argwhere(disc.grid.inside & ~is_open) + 0.5
     if len(closed):
         # The border of what is closed runs between two samples, on average half way.
-        nearest = np.sqrt(np.square(closed - np.array([i, j])).sum(axis=1).min())
-        radius = min(radius, (float(nearest) - 0.5) * spacing)
-    return 2.0 * radius, disc.place(int(i), int(j))
+        nearest, _ = cKDTree(closed).query(centres)
+        radii = np.minimum(radii, (nearest - 0.5) * spacing)
+    return 2.0 * float(max(radii.max(), 0.0)), disc.place(int(i), int(j))
 
 
-def _to_line(place: Reals, loop: Reals) -> float:
-    """Distance of a place from a closed line, both in the plane [m]."""
+def _to_line(places: Reals, loop: Reals) -> Reals:
+    """Distances of places from a closed line, both in the plane [m], shape (k,)."""
     sides = np.roll(loop, -1, axis=0) - loop
     squares = np.maximum(np.einsum("ij,ij->i", sides, sides), 1e-300)
-    along = np.clip(np.einsum("ij,ij->i", place - loop, sides) / squares, 0.0, 1.0)
-    return float(np.linalg.norm(loop + along[:, None] * sides - place, axis=1).min())
+    to = places[:, None] - loop
+    along = np.clip(np.einsum("kij,ij->ki", to, sides) / squares, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(to - along[:, :, None] * sides, axis=2).min(axis=1))
 
 
 def _farthest_of_edge(loop: Reals, spacing: float, patches: Reals) -> tuple[float, Reals]:
