@@ -226,10 +226,11 @@ def measure(loop: Reals, depth: float, pieces: Pieces, tissue: Reals) -> Closure
         for owner in np.unique(covered[covered > 0])
     }
     by_tissue = float(disc.areas[in_tissue].sum()) / total if total else 1.0
+    by_patches = min(1.0, sum(shares.values()))
     gap, gap_at = _widest(disc, disc.grid.inside & (covered == 0) & ~in_tissue)
     edge_gap, edge_gap_at = _farthest_of_edge(loop, disc.grid.spacing, pieces.corners)
     return Closure(
-        total, min(1.0, sum(shares.values())), by_tissue, gap, gap_at, edge_gap, edge_gap_at, shares,
+        total, by_patches, by_tissue, gap, gap_at, edge_gap, edge_gap_at, shares,
         disc.grid.spacing, disc.axes[2],
     )  # fmt: skip
 
