@@ -20,6 +20,9 @@ A guard against requests that would stall the service.
 MAX_SIZE_RATIO = 100.0
 """A sweep this many times as large as the organ is a mistake of units."""
 
+FARTHEST = 1e6
+"""Largest coordinate of a vertex [m]: more is a mistake, and squares of much more are infinite."""
+
 FLAT = 1e-10
 """A triangle whose area is below this share of its longest edge squared has no direction."""
 
@@ -54,8 +57,8 @@ class Sweep:
             triangles: Vertex numbers, shape (triangle_count, 3) or flat, in any order.
 
         Raises:
-            SweepError: Not finite, of the wrong length, without area, or naming vertices that are
-                not there.
+            SweepError: Not finite or enormous, of the wrong length, without area, or naming
+                vertices that are not there.
         """
         flat = np.array(vertices, dtype=np.float64).reshape(-1)
         numbers = np.array(triangles, dtype=np.int64).reshape(-1)
@@ -69,6 +72,11 @@ class Sweep:
             raise SweepError(f"a sweep has {len(corners)} triangles; allowed: 1 to {MAX_TRIANGLES}")
         if not np.isfinite(points).all():
             raise SweepError("a vertex of the sweep is not finite")
+        if np.abs(points).max(initial=0.0) > FARTHEST:
+            raise SweepError(
+                f"a vertex of the sweep is {np.abs(points).max():.3g} m away; allowed: up to "
+                f"{FARTHEST:g} m (are its units metres?)"
+            )
         if corners.min() < 0 or corners.max() >= len(points):
             raise SweepError(
                 f"a triangle of the sweep names a vertex outside 0 to {len(points) - 1}"

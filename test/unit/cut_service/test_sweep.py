@@ -26,6 +26,7 @@ def test_codes_are_those_of_the_service() -> None:
     [
         ([[0, 0, np.nan], *SQUARE[1:]], HALVES, "not finite"),
         ([[0, 0, np.inf], *SQUARE[1:]], HALVES, "not finite"),
+        ([[0, 0, 1e200], *SQUARE[1:]], HALVES, "1e.200 m away; allowed: up to 1e.06 m"),
         (SQUARE, [], "0 triangles"),
         ([], [], "0 triangles"),
         (SQUARE, [[0, 1, 4]], "outside 0 to 3"),
