@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
+from support.patches import patch_edit
 from support.sewn_blocks import sew_edit
 from support.split_edit import split_at
 from tissue_sim.elastic.registry import names
@@ -86,7 +87,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def called_first(scene: Scene) -> list[str]:
-    """Grab, pull, cut, sew, let go, grab by command, let go; kernels not there before."""
+    """Grab, pull, patch, cut, sew, let go, grab by command, patch; kernels not there before."""
     raw = block(NODES, NODES, NODES, SIZE, SIZE, SIZE)
     fixed = np.zeros(len(raw.points), dtype=np.bool_)
     fixed[raw.node_sets["fixed"]] = True
@@ -100,6 +101,8 @@ def called_first(scene: Scene) -> list[str]:
         edits = (split_at(simulation.mesh, 0.03, 0.02),) if number == 4 else ()
         if number == 5 and not simulation.model.sewing_refusal():
             edits = (_stitch(simulation.mesh),)
+        if number in (2, 8) and not simulation.model.patch_refusal():
+            edits = (patch_edit(simulation.mesh, (0.0, 0.03, 0.07)),)
         grab = (Command("grab", {"tool": "g", "radius": 0.02}),) if number == 7 else ()
         sample = ToolSample("g", moved, 1, number < 6, edge)
         inputs = FrameInputs(edits=edits, tools=(sample,), commands=grab)

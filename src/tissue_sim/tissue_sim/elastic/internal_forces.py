@@ -223,7 +223,6 @@ class InternalForces:
         if not self.home or not len(change.elements):
             return ""
         self.home = 0.0
-        return (
-            "home forces are switched off: they would pull the cut shut "
-            f"(version {change.edit.version})"
-        )
+        patched = len(change.born_nodes) > 0
+        harm = "hold the patch where it was made" if patched else "pull the cut shut"
+        return f"home forces are switched off: they would {harm} (version {change.edit.version})"
