@@ -159,6 +159,8 @@ class PatchServer:
                 )
             answer = await self._followed.ask(replace(planned, edit=edit), epoch)
             if answer.success:
+                # Whoever has the answer may name at once what was made.
+                await self._followed.newer_than(answer.version - 1, epoch)
                 return self._done(planned, wanted.tool, answer)
             message = answer.message
             if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
