@@ -25,7 +25,7 @@ from tissue_sim.demo import operate
 from tissue_sim.free_domain import choose_domain
 from tissue_sim.run_report import read_json
 from tissue_sim.runner import empty_folder
-from tissue_sim.scene_file import config_folder, find_scene
+from tissue_sim.scene_file import SceneFile, config_folder, find_scene
 from tissue_sim.session import SessionPlan
 
 WITH, WITHOUT = "with cuts", "without cuts"
@@ -77,23 +77,26 @@ def run_study(out: Path, repeats: int, scene: str = "heart") -> dict[str, Any]:
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{2 * repeats} runs in ROS domain {choose_domain()}")
     procedures = {WITH: config_folder() / "procedures" / "demo.yaml"}
-    procedures[WITHOUT] = _without_cuts(procedures[WITH], empty_folder(out) / "without_cuts.yaml")
+    procedures[WITHOUT] = without_cuts(procedures[WITH], empty_folder(out) / "without_cuts.yaml")
     rows = []
     for pair in range(repeats):
         order = (WITH, WITHOUT) if pair % 2 == 0 else (WITHOUT, WITH)
         for variant in order:
             rows.append(run_once(out / "run", scene, procedures[variant], pair, variant))
-            console.print(_in_words(rows[-1]), markup=False)
-    result = {"machine": machine(), "rows": [asdict(row) for row in rows], **_judge(rows)}
+            console.print(in_words(rows[-1]), markup=False)
+    result = {"machine": machine(), "rows": [asdict(row) for row in rows], **judge(rows)}
     (out / "loop.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     _print(console, result)
     return result
 
 
-def run_once(out: Path, scene: str, procedure: Path, pair: int, variant: str) -> LoopRow:
+def run_once(
+    out: Path, scene: str | SceneFile, procedure: Path, pair: int, variant: str
+) -> LoopRow:
     """Run one session and count."""
     load, empty_loop = os.getloadavg()[0], machine_late_share()
-    plan = SessionPlan(scene=find_scene(scene), out=empty_folder(out), procedure=procedure)
+    found = find_scene(scene) if isinstance(scene, str) else scene
+    plan = SessionPlan(scene=found, out=empty_folder(out), procedure=procedure)
     operate(plan, quiet=True)
     seen = read_json(plan.monitor_file)
     requests = read_json(plan.script_file).get("requests", [])
@@ -123,14 +126,15 @@ def machine_late_share() -> float:
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
-def _without_cuts(procedure: Path, target: Path) -> Path:
+def without_cuts(procedure: Path, target: Path) -> Path:
+    """The procedure without its cuts, written to a file."""
     content = yaml.safe_load(procedure.read_text(encoding="utf-8"))
     content["timeline"] = [event for event in content["timeline"] if "cut" not in event]
     target.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return target
 
 
-def _judge(rows: list[LoopRow]) -> dict[str, Any]:
+def judge(rows: list[LoopRow]) -> dict[str, Any]:
     """Medians of both variants, and the median difference of late frames within the pairs."""
     by = {variant: [row for row in rows if row.variant == variant] for variant in (WITH, WITHOUT)}
     late = {v: {row.pair: row.late for row in of} for v, of in by.items()}
@@ -157,7 +161,8 @@ def machine() -> dict[str, Any]:
     }
 
 
-def _in_words(row: LoopRow) -> str:
+def in_words(row: LoopRow) -> str:
+    """One run in a line."""
     return (
         f"pair {row.pair + 1} {row.variant}: {row.hz:.2f} Hz, {row.late} of {row.frames} late, "
         f"pose to state p99 {row.pose_to_state_p99:.1f} ms, load before {row.load:.1f}, "

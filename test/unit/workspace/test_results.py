@@ -14,10 +14,12 @@ from tissue_sim import (
     bench_growth,
     bench_peers,
     bench_table,
+    cut_loop_study,
     grab_study,
     loop_study,
     model_study,
     prediction_study,
+    progressive_study,
     release_study,
 )
 from tissue_sim.elastic import registry
@@ -31,13 +33,41 @@ def test_the_study_of_the_loop_is_shown_as_it_came_out(repository: Path) -> None
     result = json.loads((repository / "docs/results/loop.json").read_text(encoding="utf-8"))
     rows = [LoopRow(**row) for row in result["rows"]]
     assert len(rows) == 10
-    assert loop_study._judge(rows) == {key: result[key] for key in loop_study._judge(rows)}
+    assert loop_study.judge(rows) == {key: result[key] for key in loop_study.judge(rows)}
     assert as_markdown(result) in (repository / "docs/real_time.md").read_text(encoding="utf-8")
     # What was to be shown, and is.
     assert result["hz_median"] > 59.9
     assert result["late_share_median"] < 0.01
     assert result["pose_to_state_p99_median"] < 25.0
     assert statistics.median(ms for row in rows if row.variant == WITH for ms in row.apply_ms) < 2.0
+
+
+def test_the_study_of_many_cuts_in_the_loop_is_shown_as_it_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/cut_loop.json").read_text(encoding="utf-8"))
+    rows = [LoopRow(**row) for row in result["rows"]]
+    again = cut_loop_study.judged(rows)
+    assert {key: result[key] for key in again} == again
+    page = (repository / "docs/real_time.md").read_text(encoding="utf-8")
+    assert cut_loop_study.as_markdown(result) in page
+    cuts = [len(row.apply_ms) for row in rows if row.variant == WITH]
+    assert cuts == [13] * (len(rows) // 2)
+    # What was to be shown, and is.
+    assert result["apply_ms"]["median"] < 2.0
+    assert result["late_difference_median"] < 0.01 * min(row.frames for row in rows)
+
+
+def test_the_study_of_progressive_cuts_is_shown_as_it_came_out(repository: Path) -> None:
+    result = json.loads((repository / "docs/results/progressive.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/progressive_cutting.md").read_text(encoding="utf-8")
+    assert progressive_study.as_markdown(result) in page
+    assert set(result["cases"]) == set(progressive_study.CASES)
+    for name, case in result["cases"].items():
+        rows = [LoopRow(**row) for row in case["rows"]]
+        again = progressive_study.judged(rows, case["strokes"])
+        assert {key: case[key] for key in again} == again
+        assert all(stroke["failed"] == stroke["missing"] == 0 for stroke in case["strokes"])
+        torn = [kinds.get("tear", 0) for kinds in case["edits"]]
+        assert (min(torn) > 0) == progressive_study.CASES[name].tears
 
 
 def test_the_study_of_releases_is_shown_as_it_came_out(repository: Path) -> None:
