@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.sutures import Sutures
 from viz_bridge.cdr import Message
+from viz_bridge.drawn_holes import log_holes
 from viz_bridge.organ_follower import OrganFollower
 from viz_bridge.organ_surface import OrganSurface, SurfacePart, surface_of
 from viz_bridge.session_events import SessionEvent, nanoseconds
@@ -66,6 +67,7 @@ class Recording:
             "tissue/journal": self._take_journal,
             "tissue/tools": self._take_tools,
             "tissue/status": self._take_status,
+            "tissue/holes": self._take_holes,
             "script/event": self._take_text,
             "/diagnostics": self._take_diagnostics,
         }
@@ -270,6 +272,10 @@ class Recording:
             level = "ERROR" if state == "failed" else "INFO"
             self.stream.log("events", rr.TextLog(text, level=level))
 
+    def _take_holes(self, message: Message) -> None:
+        self._at(self._received)
+        log_holes(self.stream, self.organ, message)
+
     def _take_text(self, message: Message) -> None:
         self._at(self._received)
         self.stream.log("events", rr.TextLog(str(message.data), level="INFO"))
@@ -312,7 +318,10 @@ def blueprint(
     )
     beside = rrb.Vertical(
         rrb.TextLogView(origin="/events", name="Events"),
-        rrb.TimeSeriesView(origin="/plots/force", name="Force on tools [N]"),
+        rrb.Tabs(
+            rrb.TimeSeriesView(origin="/plots/force", name="Force on tools [N]"),
+            rrb.TimeSeriesView(origin="/plots/closure", name="Holes: covered [%], gap [mm]"),
+        ),
         row_shares=[3, 2],
     )
     return rrb.Blueprint(

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tissue_interfaces.msg import Holes
+import rerun as rr
+from tissue_interfaces.msg import Holes, TissueState
 
 from support.bags import EPOCH, session_bag
 from support.holed_wall import HOLE, TOP, add_patch, edge, holed_wall
@@ -19,6 +20,7 @@ from tissue_sim.hole_messages import hole_from_msg, hole_to_msg
 from tissue_sim.hole_report import measured
 from tissue_sim.session_bag import read_epochs
 from viz_bridge.hole_figures import HoleFigures, take_holes
+from viz_bridge.recording import Recording, file_stream
 from viz_bridge.summary import summarise
 
 
@@ -87,3 +89,30 @@ def test_holes_are_measured_at_the_end() -> None:
     lost = measured(nobody, mesh, mesh.rest[: mesh.node_rows])
     assert lost.closure is None
     assert str(lost) == lost.document()["problem"]
+
+
+def test_holes_are_drawn_on_the_organ_as_it_is(tmp_path: Path) -> None:
+    mesh, hole, _, after = scene()
+    recording = Recording(file_stream(str(tmp_path / "holes.rrd")))
+    drawn: dict[str, object] = {}
+    recording.stream.log = lambda path, what, **_: drawn.update({path: what})
+    take_state(recording, mesh)
+    recording.take("tissue/holes", after, 1)
+    assert {
+        "organ/holes/window",
+        "plots/closure/window/covered",
+        "plots/closure/window/gap",
+    } <= set(drawn)
+    gone = Holes(holes=[hole_to_msg(replace(hole, nodes=hole.nodes + 10**6), None, 8, "burnt")])
+    recording.take("tissue/holes", gone, 2)
+    assert isinstance(drawn["organ/holes/window"], rr.Clear)
+
+
+def take_state(recording: Recording, mesh: Mesh) -> None:
+    """Let a recording have a keyframe and a state of a mesh at rest."""
+    stamp = conversions.stamp_of(1)
+    recording.take("tissue/topology", conversions.mesh_to_topology(mesh, EPOCH, "organ", stamp), 1)
+    state = TissueState(version=mesh.version, frame=1)
+    state.epoch = conversions.epoch_field(EPOCH)
+    conversions.fill_state(state, mesh.rest[: mesh.node_rows].astype(np.float32))
+    recording.take("tissue/state", state, 1)
