@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -14,13 +16,18 @@ from cut_service.planner import plan
 from cut_service.rim import patch_of, plan_rim
 from cut_service.suturing import Sewing, SutureCode, SutureError, plan_tightening
 from cut_service.sweep import Sweep
+from cut_service.validity import look_at
 from support.holed_wall import HOLE, SIDE, TOP, add_patch, edge, holed_wall
-from support.patches import SOFT, patch_edit
-from support.sheets import connected
+from support.patches import SOFT, grid, patch_edit
+from support.sheets import ball, connected
 from tissue_sim.geometry.closure import area_vector, perimeter
-from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.geometry.edit import NO_PARENT, PATCH, PROVISIONAL, TopologyEdit
+from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.patch_rims import rims_of
+from tissue_sim.geometry.patches import Patch
+from tissue_sim.geometry.sheet_edit import NO_NODE
+from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, with_sheet
 
 NO_LOOP = np.empty((0, 3))
 MIDDLE = np.array([0.5 * SIDE, 0.5 * SIDE])
@@ -67,6 +74,40 @@ def test_a_patch_of_two_sheets_has_the_same_rims() -> None:
     for rim in rims:
         assert rim.length == pytest.approx(2 * (0.012 + 0.009))
         assert area_vector(mesh.rest[rim.nodes]) == pytest.approx([0.0, 0.0, 0.012 * 0.009])
+
+
+def test_a_single_surface_has_one_rim() -> None:
+    mesh = Mesh(with_sheet(ball(), SheetSettings(SURFACE), []))
+    patch = replace(SOFT, name="flat")
+    points, triangles = grid((5, 4), (0.012, 0.009))
+    mesh.apply(single_edit(mesh, points + np.array([-0.006, -0.004, 0.0205]), triangles, patch))
+    (rim,) = rims_of(mesh, mesh.patches.items[0])
+    assert rim.upper
+    assert rim.length == pytest.approx(2 * (0.012 + 0.009))
+    edit = plan_rim(
+        mesh, mesh.rest[: mesh.node_rows], mesh.patches.items[0], Sewing(NO_LOOP, 0.003, reach=0.01)
+    )
+    assert len(edit.added_sutures) == 14
+
+
+def single_edit(
+    mesh: Mesh, points: NDArray[np.float64], triangles: NDArray[np.int32], patch: Patch
+) -> TopologyEdit:
+    """An edit that adds one sheet of triangles."""
+    items = np.full((len(triangles), 4), NO_NODE, dtype=np.uint32)
+    items[:, :3] = PROVISIONAL + triangles.astype(np.int64)
+    return TopologyEdit(
+        mesh.version,
+        kind=PATCH,
+        born_nodes=(PROVISIONAL + np.arange(len(points))).astype(np.uint32),
+        born_rest=points,
+        added_elements=(PROVISIONAL + np.arange(len(items))).astype(np.uint32),
+        added_nodes=items,
+        added_parents=np.full(len(items), NO_PARENT, dtype=np.uint32),
+        born_kinds=np.zeros(len(items), dtype=np.uint8),
+        born_tissue=np.full(len(items), patch.thickness),
+        added_patches=(patch,),
+    )
 
 
 def test_a_trimmed_patch_has_a_new_rim() -> None:
@@ -189,6 +230,45 @@ def test_a_patch_is_named_by_id_by_name_or_by_being_the_only_one() -> None:
         assert caught.value.code == SutureCode.UNKNOWN_PATCH
     with pytest.raises(SutureError, match="none"):
         patch_of(holed_wall(), 0, "")
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    turn=st.tuples(*[st.floats(-4.0, 4.0)] * 3),
+    shift=st.tuples(*[st.floats(-0.02, 0.02)] * 3),
+    scale=st.floats(0.0, 2.0),
+    spacing=st.floats(5e-4, 0.1),
+    running=st.booleans(),
+    length=st.floats(-2.0, 0.01),
+    with_loop=st.booleans(),
+)
+def test_wherever_the_patch_is_stitches_are_valid_and_undone(
+    turn: tuple[float, ...],
+    shift: tuple[float, ...],
+    scale: float,
+    spacing: float,
+    running: bool,
+    length: float,
+    with_loop: bool,
+) -> None:
+    mesh, shape = patched()
+    own, middle = of_patch(mesh), np.append(MIDDLE, TOP)
+    turned = Rotation.from_rotvec(turn).apply(scale * (shape[own] - middle))
+    shape[own] = turned + middle + shift
+    (patch,) = mesh.patches
+    wanted = Sewing(edge() if with_loop else NO_LOOP, spacing, running, 0.1, 0.0, length)
+    edit = plan_rim(mesh, shape, patch, wanted)
+    rim, tissue = ends(mesh, edit)
+    stitches = slice(None, None, 2) if running else slice(None)
+    assert np.isin(rim[stitches], of_patch(mesh)).all()
+    assert not np.isin(tissue[stitches], of_patch(mesh)).any()
+    pairs = edit.suture_nodes[stitches]
+    assert len(np.unique(pairs, axis=0)) == len(pairs) >= 1
+    history = EditHistory()
+    history.record(mesh.apply(edit))
+    assert look_at(mesh).faults == ()
+    history.record(mesh.apply(history.undo(mesh)))
+    assert len(mesh.sutures) == 0
 
 
 CROSSED = edge()[[0, 4, 2, 6]]

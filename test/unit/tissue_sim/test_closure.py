@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from trimesh.triangles import closest_point
 
 from tissue_sim.geometry.closure import (
     LoopError,
@@ -17,6 +18,7 @@ from tissue_sim.geometry.closure import (
     disc_of,
     measure,
 )
+from tissue_sim.geometry.closure_kernels import nearest_places
 
 Reals = NDArray[np.float64]
 
@@ -189,6 +191,23 @@ def test_where_lips_have_passed_each_other_nothing_is_open() -> None:
     # A large lobe of the one sense, a small one of the other.
     assert np.linalg.norm(area_vector(loop)) == pytest.approx(8 * R**2)
     assert float(disc_of(loop).areas.sum()) == pytest.approx(9 * R**2, rel=5e-3)
+
+
+def test_the_closest_places_are_those_of_another_library() -> None:
+    rng = np.random.default_rng(3)
+    triangles, places = rng.normal(size=(40, 3, 3)), rng.normal(size=(60, 3))
+    triangles[3:] *= 0.1
+    triangles[3:] += rng.normal(size=(37, 1, 3))
+    distances, nearest = np.empty(60), np.empty(60, dtype=np.int64)
+    weights = np.empty((60, 3))
+    nearest_places(triangles, places, distances, nearest, weights)
+    pairs = [
+        np.linalg.norm(closest_point(triangles, np.repeat(place[None], 40, axis=0)) - place, axis=1)
+        for place in places
+    ]
+    np.testing.assert_allclose(distances, np.min(pairs, axis=1), atol=1e-12)
+    found = np.einsum("ij,ijk->ik", weights, triangles[nearest])
+    np.testing.assert_allclose(np.linalg.norm(found - places, axis=1), distances, atol=1e-12)
 
 
 EIGHT = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]]) * R

@@ -108,6 +108,8 @@ def test_what_was_removed_is_left_out_until_it_comes_back() -> None:
     history.record(mesh.apply(TopologyEdit(mesh.version, removed_elements=gone.astype(np.uint32))))
     with pytest.raises(HoleLostError, match="window is no more"):
         hole.closure(mesh, rest)
+    with pytest.raises(HoleLostError, match="not finite"):
+        named(other := holed_wall())[0].closure(other, np.full((other.node_rows, 3), np.nan))
     for _ in range(2):
         history.record(mesh.apply(history.undo(mesh)))
     np.testing.assert_allclose(hole.loop(mesh, mesh.rest), edge(), atol=1e-12)

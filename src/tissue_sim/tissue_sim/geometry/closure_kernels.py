@@ -206,10 +206,24 @@ def nearest_places(
         nearest: Result: the triangle; -1 without triangles, shape (n,).
         weights: Result: barycentric weights of its corners, shape (n, 3).
     """
+    centres, radii = np.empty((len(triangles), 3)), np.empty(len(triangles))
+    for t in range(len(triangles)):
+        radii[t] = 0.0
+        for axis in range(3):
+            centres[t, axis] = triangles[t, :, axis].sum() / 3.0
+        for corner in range(3):
+            away = triangles[t, corner] - centres[t]
+            radii[t] = max(radii[t], np.sqrt((away * away).sum()))
     for k in range(len(places)):
+        x, y, z = places[k, 0], places[k, 1], places[k, 2]
         best, triangle, second, third = np.inf, -1, 0.0, 0.0
         for t in range(len(triangles)):
-            square, v, w = _nearest_on(triangles, t, places[k, 0], places[k, 1], places[k, 2])
+            dx, dy, dz = centres[t, 0] - x, centres[t, 1] - y, centres[t, 2] - z
+            # Most are farther than the closest so far, whatever their corners are.
+            least = np.sqrt(dx * dx + dy * dy + dz * dz) - radii[t]
+            if least > 0.0 and least * least >= best:
+                continue
+            square, v, w = _nearest_on(triangles, t, x, y, z)
             if square < best:
                 best, triangle, second, third = square, t, v, w
         distances[k], nearest[k] = np.sqrt(best), triangle

@@ -124,7 +124,7 @@ class Hole:
         """Where its edge is at a shape [m], shape (m, 3): without what is no more.
 
         Raises:
-            HoleLostError: Fewer than three places are left.
+            HoleLostError: Fewer than three places are left, or they are not finite.
         """
         rows, weights = _places_now(mesh, self.nodes, self.weights)
         there = rows[:, 0] != NO_ROW
@@ -135,6 +135,8 @@ class Hole:
                 f"the tissue around {self.name} is no more: {len(loop)} of {len(rows)} positions "
                 "of its edge are left"
             )
+        if not np.isfinite(loop).all():
+            raise HoleLostError(f"the tissue around {self.name} is at places that are not finite")
         return loop
 
     def lost(self, mesh: Mesh) -> int:
