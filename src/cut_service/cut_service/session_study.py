@@ -33,8 +33,8 @@ ORGANS: dict[str, Callable[[], SceneGeometry]] = {
     "heart": lambda: scene_geometry.load("heart"),
 }
 SESSIONS = {
-    "wall": 100, "shell": 50, "shell, surfaces": 25, "shell, connected surfaces": 25,
-    "wall, connected surfaces": 25, "heart": 10,
+    "wall": 100, "shell": 30, "shell, surfaces": 20, "shell, connected surfaces": 20,
+    "wall, connected surfaces": 20, "heart": 10,
 }  # fmt: skip
 STEPS = 60
 """Operations in a session; one that undoes or makes again is up to ten edits."""
