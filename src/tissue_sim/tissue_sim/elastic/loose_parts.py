@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csgraph
 
-from tissue_sim.geometry.components import connected_components, joined_as_labelled
+from tissue_sim.geometry.components import connected_components, joined_as_before
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.rigid_parts import measure_parts, remove_rigid_motions
@@ -30,8 +30,12 @@ class LooseParts:
         self._begin = np.zeros(1, dtype=np.int64)
         self._arms, self._inverse = np.empty((0, 3)), np.empty((0, 6, 6))
         self._sums = np.empty((0, 2, 6, 6))
-        # Part of each node, and what `joined_as_labelled` leaves as it found it.
-        self._label = self._root = np.empty(0, dtype=np.int32)
+        # Part of each node by its elements, and with threads; what `joined_as_before` writes on.
+        self._own = self._label = self._root = np.empty(0, dtype=np.int32)
+        self._own_count = self._count = 0
+        self._taut = np.empty(0, dtype=np.bool_)
+        # Prescribed nodes when loose parts were looked for last, and whether parts are the same.
+        self._given, self._known = np.zeros(mesh.node_capacity, dtype=np.bool_), False
         self.follow_elements()
 
     def follow(self, change: EditChange) -> None:
@@ -40,40 +44,70 @@ class LooseParts:
         If what it touched hangs together around it as it did before, all parts are what they were.
         Only if not, as when it separates a part, is everything looked at.
         """
-        edit, mesh = change.edit, self._mesh
-        if edit.sews or len(change.released) or len(change.born_nodes):
+        mesh = self._mesh
+        if change.edit.sews or len(change.released):
+            self._taut = self._taut[:0]
+        if len(change.born_nodes):
             self.follow_elements()
             return
-        extra = mesh.node_capacity - len(self._label)
+        extra = mesh.node_capacity - len(self._own)
         if extra > 0:
-            self._label = np.append(self._label, np.full(extra, -1, dtype=np.int32))
+            self._own = np.append(self._own, np.full(extra, -1, dtype=np.int32))
             self._root = np.append(self._root, np.full(extra, -1, dtype=np.int32))
-        label, at = self._label, mesh.incident
+            self._given = np.append(self._given, np.zeros(extra, dtype=np.bool_))
+        label, at = self._own, mesh.incident
         label[change.returned_nodes] = label[change.returned_like]
         label[change.copied_nodes] = label[change.copy_parents]
         label[change.vanished_nodes] = -1
         touched = change.nodes[mesh.node_alive[change.nodes]]
-        if not joined_as_labelled(
-            touched, label[touched], mesh.tets, at.start, at.count, at.data, self._root
-        ):
+        self._known &= not self._given[change.vanished_nodes].any()
+        if not joined_as_before(
+            touched, label[touched], change.old_elements, mesh.node_alive, mesh.tets, at.start,
+            at.count, at.data, self._root,
+        ):  # fmt: skip
             self.follow_elements()
+        self._sew()
 
     def follow_elements(self) -> None:
         """Find the connected parts anew."""
         mesh, rows = self._mesh, self._mesh.element_rows
-        self._count, label = connected_components(
+        self._own_count, label = connected_components(
             mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
         )
-        if len(mesh.sutures):
-            # What is sewn together hangs together.
-            ends = label[mesh.sutures.nodes]
-            shape = (self._count, self._count)
+        self._known = False
+        self._own = np.full(mesh.node_capacity, -1, dtype=np.int32)
+        self._own[: len(label)] = label
+        self._root = np.full(mesh.node_capacity, -1, dtype=np.int32)
+        self._sew()
+
+    def follow_threads(self, taut: NDArray[np.bool_]) -> bool:
+        """Let only taut threads hold parts together; until told, and after sewing, all do.
+
+        Args:
+            taut: Which of the mesh's sutures are, shape (n,).
+
+        Returns:
+            Whether that changes which parts there are: `follow_prescribed` finds the loose ones.
+        """
+        if np.array_equal(taut, self._taut):
+            return False
+        before, self._taut = self._label, taut.copy()
+        self._sew()
+        return not np.array_equal(before, self._label)
+
+    def _sew(self) -> None:
+        """What is sewn together hangs together."""
+        nodes = self._mesh.sutures.nodes
+        self._known &= self._label is self._own and not len(nodes)
+        self._count, self._label = self._own_count, self._own
+        if len(self._taut) == len(nodes):
+            nodes = nodes[self._taut]
+        if len(nodes):
+            ends = self._own[nodes]
+            shape = (self._own_count, self._own_count)
             joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape)
             self._count, whole = csgraph.connected_components(joined, directed=False)
-            label = np.append(whole, -1)[label]
-        self._label = np.full(mesh.node_capacity, -1, dtype=np.int32)
-        self._label[: len(label)] = label
-        self._root = np.full(mesh.node_capacity, -1, dtype=np.int32)
+            self._label = np.append(whole, -1)[self._own]
 
     def follow_prescribed(self, shape: NDArray[np.floating], prescribed: NDArray[np.bool_]) -> None:
         """Find which parts are loose.
@@ -82,6 +116,9 @@ class LooseParts:
             shape: Displacements [m], shape (node_capacity, 3).
             prescribed: Nodes whose motion is given, shape (node_capacity,).
         """
+        if self._known and not len(self) and not (self._given & ~prescribed).any():
+            return  # What was fast stays so.
+        self._given, self._known = prescribed.copy(), True
         loose = self._loose(shape, prescribed)
         if not len(loose) and not len(self._nodes):
             return

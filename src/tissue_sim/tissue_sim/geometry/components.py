@@ -58,26 +58,8 @@ def _label(
 
 
 @njit(cache=True, nogil=True)
-def joined_as_labelled(
-    nodes: NDArray[np.int32],
-    label: NDArray[np.int32],
-    items: NDArray[np.int32],
-    start: NDArray[np.int64],
-    count: NDArray[np.int32],
-    data: NDArray[np.int32],
-    parent: NDArray[np.int32],
-) -> bool:
-    """Whether nodes are joined by the items at them exactly if they have the same label.
-
-    Args:
-        nodes: Some nodes, shape (n,).
-        label: Their labels, shape (n,).
-        items: Node rows of each item.
-        start: Where each node's list begins in `data`, as in `Incidence`.
-        count: Length of each list.
-        data: Items at each node.
-        parent: -1 for each node, and -1 again afterwards.
-    """
+def _join_at(nodes, items, start, count, data, parent):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Join the nodes of the items at some nodes; `parent` was -1 for each."""
     for node in nodes:
         for entry in range(start[node], start[node] + count[node]):
             for corner in range(items.shape[1]):
@@ -90,17 +72,69 @@ def joined_as_labelled(
                 if other != first:
                     parent[max(first, other)] = min(first, other)
                     first = min(first, other)
+
+
+@njit(cache=True, nogil=True)
+def _still_joined(old, alive, parent):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Whether what old items joined is joined; those that vanished remember in `parent` by what."""
+    for item in range(len(old)):
+        root = np.int32(-1)
+        for corner in range(old.shape[1]):
+            node = old[item, corner]
+            if node < 0 or not alive[node]:
+                continue
+            if root >= 0 and _root(parent, node) != root:
+                return False
+            root = _root(parent, node)
+        for corner in range(old.shape[1]):
+            node = old[item, corner]
+            if node < 0 or alive[node]:
+                continue
+            if root < 0 or (parent[node] != -1 and parent[node] != -2 - root):
+                return False
+            parent[node] = -2 - root
+    return True
+
+
+@njit(cache=True, nogil=True)
+def joined_as_before(
+    nodes: NDArray[np.int32],
+    label: NDArray[np.int32],
+    old: NDArray[np.int32],
+    alive: NDArray[np.bool_],
+    items: NDArray[np.int32],
+    start: NDArray[np.int64],
+    count: NDArray[np.int32],
+    data: NDArray[np.int32],
+    parent: NDArray[np.int32],
+) -> bool:
+    """Whether an edit leaves parts as they were, as far as can be seen around it.
+
+    It does if what the items that it changed joined is joined by those at their nodes, and nodes
+    that are joined have the same label.
+
+    Args:
+        nodes: Nodes that the edit touched and that are there, shape (n,).
+        label: Part of each of them before it, for copies that of their parents, shape (n,).
+        old: Nodes of the items it changed before it, -1 for none, shape (m, corners).
+        alive: Nodes that are there.
+        items: Node rows of each item.
+        start: Where each node's list begins in `data`, as in `Incidence`.
+        count: Length of each list.
+        data: Items at each node.
+        parent: -1 for each node, and -1 again afterwards.
+    """
+    _join_at(nodes, items, start, count, data, parent)
+    same = _still_joined(old, alive, parent)
     roots, labels = np.empty(len(nodes), dtype=np.int32), np.empty(len(nodes), dtype=np.int32)
-    parts, same = 0, True
+    parts = 0
     for k in range(len(nodes)):
-        if count[nodes[k]] == 0:
+        if not same or count[nodes[k]] == 0:
             continue
         root, known = _root(parent, nodes[k]), False
         for part in range(parts):
-            same = same and (roots[part] == root) == (labels[part] == label[k])
-            known = known or roots[part] == root
-        if not same:
-            break
+            if roots[part] == root:
+                same, known = labels[part] == label[k], True
         if not known:
             roots[parts], labels[parts] = root, label[k]
             parts += 1
@@ -108,6 +142,10 @@ def joined_as_labelled(
         for entry in range(start[node], start[node] + count[node]):
             for corner in range(items.shape[1]):
                 parent[items[data[entry], corner]] = -1
+    for item in range(len(old)):
+        for corner in range(old.shape[1]):
+            if old[item, corner] >= 0:
+                parent[old[item, corner]] = -1
     return same
 
 
