@@ -88,6 +88,7 @@ class _Observer:
                 "kind": change.edit.kind,
                 "version": int(change.edit.version),
                 "frame": self.frames + 1,
+                "apply_ms": 1e3 * edit.seconds,
                 "faults": list(seen.faults),
                 "parts": seen.parts,
                 "volume": seen.volume,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -162,6 +163,7 @@ def as_markdown(result: Mapping[str, Any]) -> str:
         "edits, faults of the mesh after any of them",
         *(f"{len(row['edits'])}, {sum(len(e['faults']) for e in row['edits'])}" for row in rows),
     )
+    line("applying an edit in the replay, median, most [ms]", *(_apply(row) for row in rows))
     line("atrium open, at most [mm]", *(f"{row['opening_mm']:.1f}" for row in rows))
     line("of the hole in view before, when open", *(_seen(row) for row in rows))
     line(
@@ -170,7 +172,7 @@ def as_markdown(result: Mapping[str, Any]) -> str:
     )
     for title, when in (("before", "before"), ("when sewn", "sewn"), ("at the end", "after")):
         line(f"hole covered {title}, widest gap [mm]", *(_closure(row[when]) for row in rows))
-    for name, title in (("rim", "16 stitches of the patch"), ("atrium", "the atrium's thread")):
+    for name, title in (("rim", "the patch's stitches"), ("atrium", "the atrium's thread")):
         line(f"{title} at the end: sum, most [N]", *(_forces(row["forces"][name]) for row in rows))
     line(
         "edges of the atrium apart at the end: median, most [mm]",
@@ -185,6 +187,11 @@ def as_markdown(result: Mapping[str, Any]) -> str:
 
 def _requests(row: Mapping[str, Any]) -> str:
     return f"{len(row['steps'])}, {sum(not step['success'] for step in row['steps'])}"
+
+
+def _apply(row: Mapping[str, Any]) -> str:
+    times = [edit["apply_ms"] for edit in row["edits"]]
+    return f"{statistics.median(times):.1f}, {max(times):.1f}"
 
 
 def _seen(row: Mapping[str, Any]) -> str:

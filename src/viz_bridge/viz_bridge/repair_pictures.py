@@ -57,7 +57,7 @@ LAST = float("inf")
 WANTED = (
     Wanted("asd_taut", "Two hooks make the wall of the right atrium taut", 0, LAST, FAR),
     Wanted("asd_window", "Open by {opening:.0f} mm: the defect is in view", 1, LAST, NEAR),
-    Wanted("asd_patch", "A patch is carried in", 2, 3.7, NEAR),
+    Wanted("asd_patch", "A patch is carried in", 2, 3.4, NEAR),
     Wanted("asd_sewn", "Sewn over the defect, and let go", 4, 2.8, NEAR),
     Wanted("asd_thread", "The edges are brought together and sewn", 5, LAST, NEAR),
     Wanted("asd_closed", "Tightened and released", 6, LAST, FAR),
