@@ -11,6 +11,7 @@ from support.sewn_blocks import sew_edit, tighten_edit, two_blocks
 from support.sheets import WITH_TORSION, strip
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.model import Model, State
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.elastic.stiffness import Stiffness
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.edit_history import EditHistory
@@ -155,6 +156,28 @@ def test_the_search_from_a_hold_goes_along_threads() -> None:
     apply(mesh, model, state, sew_edit(mesh, left, right))
     model.prescribed_changed(state, held)
     np.testing.assert_array_equal(ordering.level[right] <= ordering.level[left] + 1, True)
+
+
+def test_stitches_stay_listed_behind_the_springs_whatever_is_cut_where() -> None:
+    mesh, left, right = two_blocks()
+    springs = SpringNetwork(mesh, MATERIAL)
+    springs.follow(mesh.apply(sew_edit(mesh, left, right)))
+    random = np.random.default_rng(2)
+    kept = 0
+    for element in random.permutation(mesh.element_rows)[:40]:
+        edit = TopologyEdit(mesh.version, removed_elements=np.array([element], dtype=np.uint32))
+        links = springs.links
+        springs.follow(mesh.apply(edit))
+        kept += springs.links is links
+        fresh = SpringNetwork(mesh, MATERIAL)
+        for network in (springs, fresh):
+            ends, places = network.stitches.threads.ends, network.stitch_places
+            begin, springs_at = network.arrays.start, network.arrays.degree
+            assert (network.arrays.neighbour[places] == ends[:, ::-1]).all()
+            assert (places >= begin[ends].astype(np.int64) + springs_at[ends]).all()
+            assert (places < begin[ends].astype(np.int64) + network.links[ends]).all()
+        np.testing.assert_array_equal(springs.links, fresh.links)
+    assert 0 < kept < 40
 
 
 def test_a_matrix_with_stitches_is_symmetric_and_has_no_force_for_translations() -> None:

@@ -192,9 +192,10 @@ class ActiveSet:
     def _forget_moves(self) -> None:
         if self._acceleration is not None:
             self._acceleration.begin()
-            self._last_move = np.zeros(
-                (self.springs.mesh.node_capacity, 3), dtype=self.springs.dtype
-            )
+            capacity = self.springs.mesh.node_capacity
+            if len(self._last_move) != capacity:
+                self._last_move = np.zeros((capacity, 3), dtype=self.springs.dtype)
+            self._last_move.fill(0)
 
     def _sweep_levels(self, state: State, step: np.floating, threshold: float) -> None:
         begin = 0

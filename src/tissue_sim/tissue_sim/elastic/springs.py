@@ -13,7 +13,7 @@ from tissue_sim.elastic.sheet_springs import categories_of, sheet_edges
 from tissue_sim.elastic.stitches import Stitches
 from tissue_sim.elastic.torsion import TorsionSprings
 from tissue_sim.geometry.edit import EditChange
-from tissue_sim.geometry.incidence import sorted_unique
+from tissue_sim.geometry.incidence import among, sorted_unique
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels import networks
 from tissue_sim.kernels.networks import REMOVED
@@ -160,8 +160,8 @@ class SpringNetwork:
             self.categories = np.concatenate([self.categories, categories_of(self.mesh, made)])
         if self.torsion is not None:
             self.torsion.follow(change, self._rest)
-        self.stitches.follow()
-        self._list_stitches()
+        if self.stitches.follow() or not self._keeps_stitches(change.nodes):
+            self._list_stitches()
         self.version = version
         self.last_change = SpringChange(version, rows, kinds)
         return self.last_change
@@ -191,6 +191,13 @@ class SpringNetwork:
             # An undo of this edit gives them their rows back.
             self._buried[change.edit.version] = gone[np.lexsort((ends[:, 1], ends[:, 0]))]
         return kinds, rows
+
+    def _keeps_stitches(self, nodes: NDArray[np.int32]) -> bool:
+        """Whether stitches are where they were: no sewn node is among those that were repaired."""
+        if not len(self.stitches) or len(self.links) != len(self._lists.degree):
+            return False
+        self.links[nodes] = self._lists.degree[nodes]
+        return not among(self.stitches.nodes, nodes).any()
 
     def _list_stitches(self) -> None:
         """Enter the stitches at both of their ends, behind the springs."""

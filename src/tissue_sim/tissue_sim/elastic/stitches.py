@@ -44,16 +44,18 @@ class Stitches:
         """Rows of the sewn nodes, in the order of `sewn`."""
         return self.sewn.nodes
 
-    def follow(self) -> None:
-        """Take the mesh's sutures over as they are now; most edits leave them as they were."""
+    def follow(self) -> bool:
+        """Take the mesh's sutures over as they are now; whether they are others than before."""
         before, now = self.sutures, self.mesh.sutures
         self.sutures = now
-        if not (
+        if (
             np.array_equal(before.nodes, now.nodes)
             and np.array_equal(before.lengths, now.lengths)
             and np.array_equal(before.stiffness, now.stiffness)
         ):
-            self._take(now)
+            return False
+        self._take(now)
+        return True
 
     def _take(self, table: Sutures) -> None:
         self.threads = Threads(
