@@ -23,7 +23,7 @@ from support.elastic_scenes import (
     steps,
 )
 from support.patches import SOFT, patch_edit
-from support.sewn_blocks import sew_edit
+from support.sewn_blocks import sew_edit, tighten_edit
 from support.sheets import WITH_TORSION, connected, sheet_mesh, strip
 from tissue_sim.elastic import registry
 from tissue_sim.elastic.material_field import MaterialField, lame_constants
@@ -205,6 +205,33 @@ def test_a_patch_that_is_sewn_on_takes_its_stitches_along(variant: str) -> None:
     a, b = mesh.sutures.nodes.T
     assert np.linalg.norm(at[b] - at[a], axis=1).max() < 5e-5
     assert np.isfinite(state.displacement).all()
+
+
+@pytest.mark.parametrize("variant", IN_BALANCE)
+def test_a_patch_on_slack_threads_stays_when_it_is_let_go_and_is_pulled_by_taut_ones(
+    variant: str,
+) -> None:
+    mesh, model, state, patch = patched(variant)
+    rest = mesh.rest[: mesh.node_rows]
+    rows = [np.flatnonzero(np.isclose(rest[:, 2], z)) for z in (0.009, 0.006)]
+    low, top = (row[np.lexsort((rest[row, 1], rest[row, 0]))] for row in rows)
+    apply(mesh, model, state, sew_edit(mesh, low, top, 0.005))
+    held = hold(model, state, patch[np.isclose(rest[patch, 0], 0.0)], mesh)
+    for _ in range(10):
+        state.displacement[held] += np.array([0.0, 0.0, 5e-5], dtype=np.float32)
+        steps(model, state, 20)
+    before = state.displacement[patch].mean(axis=0, dtype=np.float64)
+    release(model, state, mesh)
+    settle(model, state)
+    after = state.displacement[patch].mean(axis=0, dtype=np.float64)
+    np.testing.assert_allclose(after, before, atol=2e-4)
+    assert model.residual(state) < 1e-3
+    assert not state.displacement[top].any()
+    apply(mesh, model, state, tighten_edit(mesh, 0.001))
+    settle(model, state, 80)
+    at = mesh.rest[: mesh.node_rows] + state.displacement[: mesh.node_rows]
+    a, b = mesh.sutures.nodes.T
+    assert np.linalg.norm(at[b] - at[a], axis=1).max() < 0.00105
 
 
 @pytest.mark.parametrize("variant", IN_BALANCE)

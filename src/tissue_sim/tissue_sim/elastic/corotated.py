@@ -261,6 +261,10 @@ class Corotated:
     def _take_residual(self, prescribed: NDArray[np.bool_]) -> bool:
         """Find r by the linearisation in use; whether x is its shape, so that r is exact."""
         now, vectors, count = self.tangent.now, self._vectors, self._count
+        stitches = self._springs.stitches
+        taut = stitches.lengths(now.shape) >= stitches.threads.length
+        if len(taut) and self._loose.follow_threads(taut):
+            self._loose.follow_prescribed(now.shape, prescribed)
         self._loose.follow_shape(now.shape, prescribed)
         away = subtract(count, vectors.x, now.shape, vectors.z)
         self._product(prescribed, vectors.z)

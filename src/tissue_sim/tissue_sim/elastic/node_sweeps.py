@@ -17,11 +17,11 @@ from tissue_sim.kernels.stitches import sweep_sewn
 Nodes = NDArray[np.uint32]
 
 IN_SHEETS = 0.5
-"""Share of their step that nodes of a sheet take with momentum.
+"""Share of their step that nodes take with momentum in sheets, and in organs with patches.
 
 Springs of tetrahedra point everywhere alike: a node's curvature is about a third of the sum of its
-stiffnesses. Through a sheet and across it all of them may resist along one line, and with momentum
-steps beyond 1 do not settle there.
+stiffnesses. Through a sheet or a patch and across it all of them may resist along one line, and
+with momentum steps beyond 1 do not settle there.
 """
 
 
@@ -66,7 +66,8 @@ def sweep_with_momentum(
     Returns:
         Largest squared distance a node moved [m^2].
     """
-    if springs.mesh.sheet_rows is not None and momentum > 0.0:
+    thin = springs.mesh.sheet_rows is not None or len(springs.mesh.patches) > 0
+    if thin and momentum > 0.0:
         step = springs.dtype(IN_SHEETS * step)
     with springs.stitches.set_aside(state):
         if springs.torsion is not None:
