@@ -24,7 +24,8 @@ from cut_service.sweep import Sweep
 from cut_service.warm_up import warm_up
 from tissue_sim.bench import machine
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.model import Material, State
+from tissue_sim.elastic.local_relaxation import LocalRelaxation
+from tissue_sim.elastic.model import Material, Model, State
 from tissue_sim.geometry.heart import heart
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
@@ -37,6 +38,8 @@ HALF, DEPTH = 6.0, 6.0
 WINDOW = 0.008
 """Half width of a cut through the heart's wall [m]."""
 MODEL = "lr"
+REACH = 0.004
+"""Nodes so far from the organ's first one are held [m], so that there is an order to keep."""
 
 
 def _block(nodes: int) -> Mesh:
@@ -111,11 +114,22 @@ def _sweeps(mesh: Mesh, organ: str, count: int) -> list[Sweep]:
     return made
 
 
+def _hold(mesh: Mesh, model: Model, state: State) -> None:
+    """Hold some nodes, and order the rest from there, as in a session."""
+    rest = mesh.rest[: mesh.node_rows]
+    held = np.flatnonzero(np.linalg.norm(rest - rest[0], axis=1) < REACH).astype(np.int32)
+    state.prescribed[held] = True
+    model.prescribed_changed(state, held)
+    if isinstance(model, LocalRelaxation):
+        model.relaxation.complete_order()
+
+
 def measure(organ: str, method: str, cuts: int) -> SizeRow:
     """Cut an organ some times; every cut is of the organ as the others have left it."""
     mesh = ORGANS[organ]()
     nodes, elements = mesh.node_rows, mesh.element_rows
     model, state = registry.build(MODEL, mesh, Material(), {}), State(mesh)
+    _hold(mesh, model, state)
     first, _ = _timed(lambda: Organ(mesh))
     organ_of(mesh)
     planned, checked, applied, followed, faces = [], [], [], [], []

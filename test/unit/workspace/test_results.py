@@ -285,6 +285,10 @@ def test_what_a_cut_costs_is_shown_as_it_came_out(repository: Path) -> None:
         assert few.faces > 50
         # What the page says, and is: forty times the nodes, and far from forty times the cost.
         assert many.both_ms < 6.0 * few.both_ms
+        assert many.apply_ms < 2.0 * few.apply_ms
+    heart = rows[list(size_study.ORGANS)[-1], "split"]
+    assert heart.both_ms < 50.0
+    assert heart.apply_ms < 2.0
 
 
 def test_random_cuts_and_undos_had_no_fault(repository: Path) -> None:
