@@ -11,6 +11,7 @@ from tissue_sim.demo import operate
 from tissue_sim.repair_study import PROCEDURE, problems, requests_of, tissue_figures
 from tissue_sim.scene_file import config_folder, find_scene
 from tissue_sim.session import SessionPlan
+from viz_bridge.repair_pictures import WANTED, arrays_from
 
 COARSE = {"shape.cell": 0.002, "steps_per_frame": 3, "model": "lr"}
 FASTER = 0.6
@@ -60,3 +61,6 @@ def test_a_septal_defect_is_patched_and_all_of_it_is_valid_replayed_and_undone(
     # The patch is a part of its own, however the organ is cut.
     assert [edit["parts"] for edit in row["edits"]] == [1, 2, 2, 2, 2, 2]
     assert row["patch_nodes"] > 100
+    pictures = arrays_from(plan.bag_folder)
+    assert list(pictures) == [wanted.name for wanted in WANTED]
+    assert [len(arrays["threads"]) > 0 for arrays in pictures.values()] == 3 * [False] + 3 * [True]

@@ -30,8 +30,11 @@ PLACE = np.array([-3.2e-3, -14.5e-3, 11.8e-3])
 FAR, NEAR = 0.155, 0.085
 """Distances of the camera from there [m]."""
 
-IN_USE = 0.03
+IN_USE = 0.025
 """Tools farther from there are put aside and not drawn [m]."""
+
+
+TOPICS = ("tissue/topology", "tissue/edits", "tissue/state", "tissue/tools", "tissue/journal")
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ LAST = float("inf")
 WANTED = (
     Wanted("asd_taut", "Two hooks make the wall of the right atrium taut", 0, LAST, FAR),
     Wanted("asd_window", "Open by {opening:.0f} mm: the defect is in view", 1, LAST, NEAR),
-    Wanted("asd_patch", "A patch is carried in", 2, 3.4, NEAR),
-    Wanted("asd_sewn", "Sewn over the defect, and let go", 4, 2.8, NEAR),
+    Wanted("asd_patch", "A patch is carried in", 2, 2.9, NEAR),
+    Wanted("asd_sewn", "Sewn over the defect, and let go", 4, 2.2, NEAR),
     Wanted("asd_thread", "The edges are brought together and sewn", 5, LAST, NEAR),
     Wanted("asd_closed", "Tightened and released", 6, LAST, FAR),
 )
@@ -128,24 +131,34 @@ def _arrays(
     return {**arrays, "threads": threads}
 
 
-def draw_repair(bag: Path, folder: Path) -> Pictures:
-    """Draw the pictures of `WANTED` from the bag of a session that played asd_repair.yaml.
+def arrays_from(bag: Path) -> dict[str, dict[str, NDArray[np.generic]]]:
+    """What the pictures of `WANTED` show, by name, those that a bag has.
 
     Args:
-        bag: Directory or file.
-        folder: Where the PNG files go.
+        bag: Of a session that played asd_repair.yaml; directory or file.
 
     Raises:
         ValueError: The bag cannot be read.
     """
     finder = _Finder()
     for topic, item in read_organ(bag, None):
-        finder.take(topic, item.message)
-    files = {}
-    for wanted in WANTED:
-        if wanted.name in finder.found:
-            files[wanted.name] = _arrays(*finder.found[wanted.name], wanted)
-    return render_files(files, folder)
+        if topic in TOPICS:
+            finder.take(topic, item.message)
+    return {
+        wanted.name: _arrays(*finder.found[wanted.name], wanted)
+        for wanted in WANTED
+        if wanted.name in finder.found
+    }
+
+
+def draw_repair(bag: Path, folder: Path) -> Pictures:
+    """Draw them; see `arrays_from`.
+
+    Args:
+        bag: Directory or file.
+        folder: Where the PNG files go.
+    """
+    return render_files(arrays_from(bag), folder)
 
 
 def main() -> int:
