@@ -140,7 +140,7 @@ def test_any_edits_in_any_order_leave_a_valid_mesh_and_undo_is_exact(
 
     EditsOf.names = names
     quick = settings(
-        max_examples=25, stateful_step_count=25, deadline=None,
+        max_examples=15, stateful_step_count=20, deadline=None,
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
     run_state_machine_as_test(EditsOf, settings=quick)

@@ -33,8 +33,8 @@ ORGANS: dict[str, Callable[[], SceneGeometry]] = {
     "heart": lambda: scene_geometry.load("heart"),
 }
 SESSIONS = {
-    "wall": 100, "shell": 30, "shell, surfaces": 20, "shell, connected surfaces": 20,
-    "wall, connected surfaces": 20, "heart": 10,
+    "wall": 100, "shell": 20, "shell, surfaces": 12, "shell, connected surfaces": 12,
+    "wall, connected surfaces": 12, "heart": 10,
 }  # fmt: skip
 STEPS = 60
 """Operations in a session; one that undoes or makes again is up to ten edits."""
@@ -108,24 +108,28 @@ def sessions(organ: str, number: int, seed: int, steps: int = STEPS) -> Iterator
         yield tally
 
 
+def plane_through(mesh: Mesh, seed: int, number: int) -> Sweep:
+    """A plane right through an organ, near its middle."""
+    random = np.random.default_rng([seed, 7, number])
+    rest = mesh.rest[: mesh.node_rows]
+    middle = rest.mean(axis=0) + random.uniform(-0.2, 0.2, 3) * np.ptp(rest, axis=0)
+    normal = np.array([0.0, 0.0, 1.0])
+    # A plane along a wall, which is two layers of nodes thin, passes between them.
+    while abs(normal[2]) >= 0.5:
+        axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        normal = axes[2]
+    u, v = axes[:2]
+    corners = [middle - u - v, middle + u - v, middle + u + v, middle - u + v]
+    return Sweep.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
+
+
 def part_in_two(tally: SessionTally, number: int, seed: int) -> None:
     """Split an organ by planes right through, near its middle: each part becomes two."""
-    made = geometry(tally.organ)
     for k in range(number):
-        random = np.random.default_rng([seed, 7, k])
-        mesh = Mesh(made.raw)
-        rest = mesh.rest[: mesh.node_rows]
+        mesh = Mesh(geometry(tally.organ).raw)
         parts = look_at(mesh).parts
-        middle = rest.mean(axis=0) + random.uniform(-0.2, 0.2, 3) * np.ptp(rest, axis=0)
-        normal = np.array([0.0, 0.0, 1.0])
-        # A plane along a wall, which is two layers of nodes thin, passes between them.
-        while abs(normal[2]) >= 0.5:
-            axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
-            normal = axes[2]
-        u, v = axes[:2]
-        corners = [middle - u - v, middle + u - v, middle + u + v, middle - u + v]
-        sweep = Sweep.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
-        mesh.apply(plan(mesh, rest, sweep, settings=Settings()).edit)
+        rest = mesh.rest[: mesh.node_rows]
+        mesh.apply(plan(mesh, rest, plane_through(mesh, seed, k), settings=Settings()).edit)
         seen = look_at(mesh)
         tally.parted += 1
         tally.parted_in_two += seen.parts == 2 * parts

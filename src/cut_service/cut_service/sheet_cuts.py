@@ -78,6 +78,7 @@ def split_sheet(given: Work) -> Plan:
     moved = snapping.moved(places)
     on_cut = set(crossing.chosen.tolist()) | set(lips.edges.ravel().tolist())
     tips = set(np.unique(np.stack([keys >> 32, keys & 0xFFFFFFFF])).tolist()) - set(parting.fans)
+    tips -= _dead_ends(work, moved, tips)
     where = Sides(mesh, moved, parting, on_cut)
     springs = cut_springs(mesh, places, parting, tips, where, opposite, work.sweep)
     kept, lost_walls = _old_walls(work, parting, where, snapping)
@@ -103,6 +104,26 @@ def split_sheet(given: Work) -> Plan:
         notes=_notes(springs, walls),
     )
     return Plan(edit, report, _ends_twice(moved, lips.edges))
+
+
+def _dead_ends(work: SheetWork, moved: Reals, tips: set[int]) -> set[int]:
+    """Nodes of the cut that stay whole, and do not lie at the end of the sweep but beside it.
+
+    A branch of the cut that parts nothing ends there: unlike where the sweep ends, what is at such
+    a node is on one side.
+    """
+    nodes = np.array(sorted(tips), dtype=np.int32)
+    if not len(nodes):
+        return set()
+    nearest, distance, which = work.sweep.closest(moved[nodes])
+    corners = work.sweep.measured[which]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    height = np.abs(np.einsum("ij,ij->i", moved[nodes] - nearest, normals))
+    edges = moved[work.mesh.tets[work.mesh.incident.of_all(nodes), :2]]
+    length = float(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).mean())
+    beside = (height > 0.999 * distance) & (distance > 0.01 * length)
+    return set(nodes[beside].tolist())
 
 
 def _ends_twice(places: Reals, edges: Rows) -> Reals:

@@ -69,14 +69,34 @@ class Sides:
             parting: The nodes that come apart.
             on_cut: Nodes of the cut; they say nothing about sides.
         """
-        undecided = set(on_cut)
+        self._undecided = set(on_cut)
+        self._mesh, self._fans = mesh, parting.fans
+        self._parted = dict(zip(parting.rows.tolist(), parting.nodes.tolist(), strict=True))
+        self._fan_of = {
+            version: fan for fans in parting.fans.values() for version, fan in fans.items()
+        }
         self.places = np.concatenate([places, places[parting.parents]])
-        self._fans = parting.fans
-        for versions in parting.fans.values():
-            for version, fan in versions.items():
-                corners = set(mesh.tets[fan, :3].ravel().tolist())
-                clear = sorted(corners - undecided) or sorted(corners)
-                self.places[version] = places[clear].mean(axis=0)
+        for version in self._fan_of:
+            self.places[version] = places[self._clear_of(version)].mean(axis=0)
+
+    def _clear_of(self, version: int) -> list[int]:
+        """The closest old nodes off the cut that triangles lead to from a version of a node.
+
+        All nodes of a fan can be nodes of the cut, and some of them not on the sweep.
+        """
+        seen, ring = {version}, [version]
+        first: set[int] = set()
+        while ring:
+            corners: set[int] = set()
+            for row in chain.from_iterable(self._fan_of[node] for node in ring):
+                corners.update(self._parted.get(row) or self._mesh.tets[row, :3].tolist())
+            clear = corners - self._undecided - self._fan_of.keys()
+            if clear:
+                return sorted(clear)
+            first = first or set(self._mesh.tets[self._fan_of[version], :3].ravel().tolist())
+            ring = sorted((corners & self._fan_of.keys()) - seen)
+            seen.update(ring)
+        return sorted(first)
 
     def versions(self, node: int) -> list[int]:
         """The versions of a node, itself first."""

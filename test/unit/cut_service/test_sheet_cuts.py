@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cut_service import session_study
 from cut_service.errors import CutCode, CutError
 from cut_service.patching import Wanted, plan_patch
 from cut_service.planner import Plan, Settings, plan
@@ -130,6 +131,25 @@ def test_a_plane_through_a_shell_parts_it_and_nothing_joins_the_halves() -> None
     # As many springs as before hold the tissue through its wall, a little longer or shorter.
     after = SpringNetwork(mesh, Material(), np.float64).springs.stiffness.sum()
     assert after == pytest.approx(stiffness, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("name", "plane", "why"),
+    [
+        ("shell, connected surfaces", 28, "all nodes of a fan are of the cut, one far from it"),
+        ("shell, connected surfaces", 84, "the same on the other sheet"),
+        ("wall, connected surfaces", 44, "nothing is snapped"),
+        ("wall, connected surfaces", 99, "a branch of the cut parts nothing and ends at a corner"),
+    ],
+)
+def test_no_spring_joins_what_a_plane_right_through_has_parted(
+    name: str, plane: int, why: str
+) -> None:
+    mesh = Mesh(session_study.geometry(name).raw)
+    sweep = session_study.plane_through(mesh, 20, plane)
+    planned = cut(mesh, sweep, snap=why != "nothing is snapped")
+    mesh.apply(planned.edit)
+    assert look_at(mesh).parts == planned.report.components == 2, why
 
 
 @pytest.mark.parametrize("sweep", ["through", "window"])
