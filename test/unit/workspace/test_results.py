@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import statistics
 from pathlib import Path
+from typing import Any
 
-from cut_service import cut_study, property_study, size_study
+from cut_service import cut_study, property_study, random_edits, session_study, size_study, trial
 from cut_service.planner import METHODS
 from tissue_sim import (
     acceleration_study,
@@ -296,20 +297,22 @@ def test_random_cuts_and_undos_had_no_fault(repository: Path) -> None:
     result = json.loads(path.read_text(encoding="utf-8"))
     page = (repository / "docs/cutting.md").read_text(encoding="utf-8")
     assert property_study.as_markdown(result) in page
+    assert session_study.as_markdown(result["sessions"]) in page
     tallies = [property_study.Tally(**row) for row in result["rows"]]
     assert {(t.organ, t.way) for t in tallies} == {
-        (organ, way) for organ in property_study.ORGANS for way in property_study.WAYS
+        (organ, way) for organ in property_study.ORGANS for way in random_edits.WAYS
     }
     assert sum(t.cuts for t in tallies) > 3000
+    assert sum(t.cuts for t in tallies if t.organ == "heart") > 200
     assert sum(t.undone for t in tallies) > 3000
     for tally in tallies:
         assert tally.faults == []
         assert tally.parted_in_two == tally.parted
         assert tally.cuts > 0
         if tally.way == "split":
-            assert tally.volume < property_study.VOLUME_SNAPPED
+            assert tally.volume < trial.VOLUME_SNAPPED
         elif tally.way != "remove":
-            assert tally.volume < property_study.VOLUME_KEPT
+            assert tally.volume < trial.VOLUME_KEPT
     # Spot check: figures depend on nothing but the code.
     then = [property_study.Tally(**row) for row in result["spot"]]
     for wanted, tally in zip(then, property_study.spot(result["seed"]), strict=True):
@@ -317,3 +320,26 @@ def test_random_cuts_and_undos_had_no_fault(repository: Path) -> None:
         for name in ("organ", "way", "runs", "cuts", "missed", "undone", "redone", "most_parts"):
             assert getattr(tally, name) == getattr(wanted, name)
         assert abs(tally.ratio - wanted.ratio) < 1e-6
+    _sessions_had_no_fault(result)
+
+
+def _sessions_had_no_fault(result: dict[str, Any]) -> None:
+    """Cuts, tears, burns, patches, stitches and undos in random order."""
+    tallies = {row["organ"]: session_study.SessionTally(**row) for row in result["sessions"]}
+    assert list(tallies) == list(session_study.ORGANS)
+    assert sum(sum(t.done.values()) for t in tallies.values()) > 10_000
+    assert sum(tallies["heart"].done.values()) > 1000
+    for organ, tally in tallies.items():
+        assert tally.faults == []
+        assert tally.parted_in_two == tally.parted
+        assert tally.volume < trial.VOLUME_SNAPPED
+        what = {"cut: split", "tear", "patch", "sew", "tighten", "unsew", "undo", "redo"}
+        solid = {"cut: subdivide", "cut: remove", "burn"}
+        assert what | (set() if "surfaces" in organ else solid) <= set(tally.done)
+    then = [session_study.SessionTally(**row) for row in result["spot_sessions"]]
+    for wanted in then:
+        now = property_study.spot_session(wanted.organ, result["seed"])
+        assert now.faults == []
+        for name in ("done", "missed", "most_parts", "deepest"):
+            assert getattr(now, name) == getattr(wanted, name)
+        assert abs(now.ratio - wanted.ratio) < 1e-6
