@@ -119,6 +119,7 @@ class _Observer:
             "nodes": int(mesh.node_alive.sum()),
             "elements": int(mesh.element_alive.sum()),
             "edits": self.edits,
+            "frames": self.frames,
             "lost": self.lost,
             "steps_per_frame": self.steps / max(self.frames, 1),
             "opening_mm": self.opening,

@@ -85,7 +85,7 @@ def _loop(seen: Mapping[str, Any]) -> dict[str, Any]:
     frames, lost = int(seen["frames"]), int(seen["lost_states"])
     due = frames + lost + int(seen["skipped_frames"])
     return {
-        "frames": frames,
+        "received": frames,
         "hz": float(seen["published_hz"]),
         "late": int(seen["late_frames"]),
         "late_share": int(seen["late_frames"]) / max(due, 1),
@@ -110,7 +110,7 @@ def in_words(row: Mapping[str, Any]) -> str:
     """One run in a line."""
     faults = [fault for edit in row["edits"] for fault in edit["faults"]]
     return (
-        f"{row['model']}: {row['hz']:.1f} Hz, {row['late']} of {row['frames']} frames late; "
+        f"{row['model']}: {row['hz']:.1f} Hz, {row['late']} of {row['received']} late; "
         f"opened {row['opening_mm']:.1f} mm, {row['seen_open']:.0%} of the hole in view; "
         f"covered {row['before']['covered']:.1%} before and {row['after']['covered']:.1%} after; "
         f"{faults or 'valid after every edit'}; "
@@ -150,7 +150,7 @@ def as_markdown(result: Mapping[str, Any]) -> str:
         lines.append(f"| {title} | " + " | ".join(cells) + " |")
 
     line(
-        "frames published, a second",
+        "frames made, a second",
         *(f"{row['frames']}, {row['hz']:.1f}" for row in rows),
     )
     line(
