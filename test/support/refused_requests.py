@@ -254,6 +254,7 @@ EDITS: dict[str, tuple[str, Callable[[Mesh], TopologyEdit]]] = {
 """Edits asked for with `tissue/apply_edit`; the block of `support.small_block`."""
 
 ALONGSIDE: dict[str, dict[str, str]] = {
+    "tissue/cut": {"a cut that would part nothing but fixed or held nodes": "HELD"},
     "tissue/apply_edit": {
         "planned in another epoch": "STALE",
         "the second of two that part the same tissue": "STALE",

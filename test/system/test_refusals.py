@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
-from tissue_interfaces.msg import CutRequest
+from tissue_interfaces.msg import CutRequest, HeldNodes
 from tissue_interfaces.srv import AddPatch, Cut, Suture
 
 from cut_service.trial import remembered
@@ -95,9 +96,31 @@ def test_requests_that_cannot_be_met_are_refused_with_a_code_and_change_nothing(
             if answer.success or answer.error_code != wanted or not answer.message:
                 unlike.append(f"{service}, {what}: {answer.error_code}, not {code}: {answer}")
     assert unlike == []
+    _held(world)
     _strips(world)
     assert (mesh.version, world.simulation.applied) == (version, [])
     assert remembered(mesh) == before
+
+
+def _held(world: World) -> None:
+    """A cut through nodes that tools hold, all of them."""
+    simulation, reported = world.simulation, set[str]()
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        pairs = [pair for status in message.status for pair in status.values]
+        reported.update(pair.value for pair in pairs if pair.key == "held nodes")
+
+    simulation.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    publisher = simulation.create_publisher(HeldNodes, "tissue/held_nodes", qos.LATCHED)
+    nodes = simulation.mesh.node_ids[: simulation.mesh.node_rows]
+    message = HeldNodes(epoch=conversions.epoch_field(simulation.epoch), nodes=nodes.tolist())
+    publisher.publish(message)
+    wait_for(lambda: str(len(nodes)) in reported, what="the nodes held to be known")
+    answer = world.ask("tissue/cut", cut())
+    assert answer.error_code == Cut.Response.HELD, answer
+    message.nodes = []
+    publisher.publish(message)
+    wait_for(lambda: "0" in reported, what="their release to be known")
 
 
 def _strips(world: World) -> None:

@@ -294,7 +294,8 @@ class CutNode(Node):
         sweep, settings = pick(mesh, shape)
         return plan(
             mesh, shape.positions, sweep, method or default, settings=settings,
-            base_frame=shape.frame, author=author or self.get_name(), request_id=request_id,
+            held=self._watch.held_nodes(), base_frame=shape.frame,
+            author=author or self.get_name(), request_id=request_id,
         )  # fmt: skip
 
     async def _ask(self, planned: Plan, epoch: bytes) -> ApplyEdit.Response:

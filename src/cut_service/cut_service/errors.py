@@ -18,6 +18,12 @@ class CutCode(IntEnum):
     SIMULATION_LOST = 7
     REFUSED = 8
     STATE_FRAME_GONE = 9
+    HELD = 10
+
+    @property
+    def nothing_to_cut(self) -> bool:
+        """Whether the sweep is sound, but there is nothing that it could open."""
+        return self in (CutCode.MISSED, CutCode.HELD)
 
 
 class CutError(ValueError):

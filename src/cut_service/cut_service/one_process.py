@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cut_service.errors import CutCode, CutError
+from cut_service.errors import CutError
 from cut_service.planner import Plan, plan
 from cut_service.strokes import Strip, Stroke
 from cut_service.work import Settings
@@ -142,7 +142,7 @@ class Operation:
                 base_frame=shape.frame, request_id=f"{stroke.id}/{number}",
             )  # fmt: skip
         except CutError as error:
-            if error.code != CutCode.MISSED:
+            if not error.code.nothing_to_cut:
                 raise
             stroke.done(mesh, shape, None)
             self.empty_seconds.append(time.process_time() - begin)

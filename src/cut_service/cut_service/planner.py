@@ -16,7 +16,8 @@ from cut_service.splitting import split
 from cut_service.subdivision import subdivide
 from cut_service.sweep import Sweep
 from cut_service.threads import cut_threads, no_tissue_cut, with_threads_cut
-from cut_service.work import Plan, Report, Settings, Work, prepare
+from cut_service.work import Plan, Report, Settings, Work, prepare, still_nodes
+from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 
 __all__ = ["METHODS", "SHEET_METHOD", "Plan", "Report", "Settings", "plan"]
@@ -62,8 +63,8 @@ def plan(
     Raises:
         SweepError: The sweep is enormous beside the organ.
         CutError: Unknown method, one that cannot cut triangles, positions that do not fit or are
-            not finite, or a sweep that cuts nothing (no thread either), or that would leave
-            nothing.
+            not finite, or a sweep that cuts nothing (no thread either), that would leave nothing,
+            or that would part nothing but fixed or held nodes.
     """
     begin = time.perf_counter()
     if method not in _PLANNERS:
@@ -84,6 +85,7 @@ def plan(
         sweep = replace(sweep, old=0)
     try:
         made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
+        _refuse_still(mesh, made.edit, held)
     except CutError as error:
         if error.code != CutCode.MISSED or not len(cut_threads(mesh, positions, sweep)):
             raise
@@ -92,3 +94,18 @@ def plan(
     edit = replace(made.edit, base_frame=base_frame, author=author, request_id=request_id)
     report = replace(made.report, plan_ms=1e3 * (time.perf_counter() - begin))
     return replace(made, edit=edit, report=report)
+
+
+def _refuse_still(mesh: Mesh, edit: TopologyEdit, held: NDArray[np.uint32] | None) -> None:
+    """Refuse a cut of fixed or held nodes alone: their copies stay, and nothing would open."""
+    if len(edit.copy_parents):
+        parted = mesh.node_rows_of(edit.copy_parents)
+    else:
+        corners = mesh.tets[mesh.element_rows_of(edit.removed_elements)]
+        parted = corners[corners >= 0]
+    if len(parted) and still_nodes(mesh, held)[parted].all():
+        raise CutError(
+            CutCode.HELD,
+            f"the cut would part nothing but {len(np.unique(parted))} nodes that are fixed or held "
+            "by tools, and nothing would open; let go first, or cut beside them",
+        )

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cut_service import session_study
-from cut_service.errors import CutCode, CutError
+from cut_service.errors import CutError
 from cut_service.planner import METHODS, Settings, plan
 from cut_service.random_edits import WAYS, wave
 from cut_service.sweep import Sweep
@@ -141,7 +141,7 @@ def _cut(
     try:
         planned = plan(mesh, places, sweep, method, settings=how)
     except CutError as error:
-        if error.code != CutCode.MISSED:
+        if not error.code.nothing_to_cut:
             tally.fault(f"{error.code.name}: {error}")
         tally.missed += 1
         return None

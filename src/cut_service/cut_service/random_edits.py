@@ -134,7 +134,7 @@ def cut_along(trial: Trial, sweep: Sweep, way: str) -> bool:
     try:
         planned = plan(mesh, trial.places, sweep, method, settings=how, held=mesh.node_ids[held])
     except CutError as error:
-        if error.code != CutCode.MISSED:
+        if not error.code.nothing_to_cut:
             trial.fault(f"cut refused, {error.code.name}: {error}")
         trial.missed["cut"] += 1
         return False

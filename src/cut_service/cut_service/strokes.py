@@ -289,11 +289,11 @@ class Strokes:
             return
         after = replica.shape_at(shape.frame) or replica.shape_at()
         if after is not None:
-            failed = outcome.code not in (CutCode.NONE, CutCode.MISSED)
+            failed = bool(outcome.code) and not outcome.code.nothing_to_cut
             stroke.done(mesh, after, outcome.plan, failed)
         else:
             stroke.give_up()
-        if outcome.code == CutCode.MISSED:
+        if outcome.code.nothing_to_cut:
             figures.empty += 1
         elif outcome.code:
             figures.failed += 1

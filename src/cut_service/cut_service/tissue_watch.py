@@ -134,7 +134,8 @@ class TissueWatch:
         if replica.version != self._version:
             self._version, self._changed_at = replica.version, now
 
-    def _held_nodes(self) -> NDArray[np.uint32]:
+    def held_nodes(self) -> NDArray[np.uint32]:
+        """Ids of the nodes that tools hold."""
         epoch, nodes = self._held
         return nodes if epoch == self._replica.epoch else nodes[:0]
 
@@ -178,13 +179,13 @@ class TissueWatch:
         """What tears; None while it is not known what the tissue is made of."""
         if mesh.sheet_rows is not None:
             return plan_sheet_tear(
-                mesh, shape.positions, settings.sheet, self._cutting, self._held_nodes()
+                mesh, shape.positions, settings.sheet, self._cutting, self.held_nodes()
             )
         material = self._element_material(mesh)
         if material is None:
             self._problem = "nothing has been heard on tissue/material"
             return None
-        work = work_without_sweep(mesh, shape.positions, self._held_nodes(), self._cutting)
+        work = work_without_sweep(mesh, shape.positions, self.held_nodes(), self._cutting)
         return plan_tear(work, material, settings.tear)
 
     def _element_material(self, mesh: Mesh) -> ElementMaterial | None:
@@ -236,7 +237,7 @@ class TissueWatch:
             "last look [ms]": f"{1e3 * self._seconds:.3f}",
             "faces torn": self._tears.done,
             "elements burned": self._burnt.done,
-            "held nodes": len(self._held_nodes()),
+            "held nodes": len(self.held_nodes()),
             **{f"tears {what}": number for what, number in self._tears.counts.items()},
             **{f"burns {what}": number for what, number in self._burnt.counts.items()},
         }

@@ -232,7 +232,7 @@ def prepare(
         raise _no_shape()
     sweep.check_size(living.min(axis=0), living.max(axis=0))
     alive = mesh.element_alive[: mesh.element_rows]
-    return Work(mesh, links_of(mesh), alive, places, sweep, settings, _still(mesh, held))
+    return Work(mesh, links_of(mesh), alive, places, sweep, settings, still_nodes(mesh, held))
 
 
 def _part_of(
@@ -256,7 +256,8 @@ def _part_of(
     crossed = np.searchsorted(part.elements, near).astype(np.int32)
     return Work(
         part, links_of(part), part.element_alive[: part.element_rows], places[part.nodes], sweep,
-        settings, _still(mesh, held)[part.nodes], Surroundings(mesh, organ, part, crossed, masks),
+        settings, still_nodes(mesh, held)[part.nodes],
+        Surroundings(mesh, organ, part, crossed, masks),
     )  # fmt: skip
 
 
@@ -273,7 +274,8 @@ def _beside(mesh: Mesh, sweep: Sweep, rows: NDArray[np.int32]) -> NDArray[np.int
     return np.union1d(around, again).astype(np.int32)
 
 
-def _still(mesh: Mesh, held: NDArray[np.uint32] | None) -> NDArray[np.bool_]:
+def still_nodes(mesh: Mesh, held: NDArray[np.uint32] | None) -> NDArray[np.bool_]:
+    """Nodes that are fixed, or held by tools (their ids are given), shape (node_rows,)."""
     still = mesh.fixed[: mesh.node_rows].copy()
     if held is not None:
         rows = mesh.node_rows_of(held)

@@ -54,7 +54,7 @@ class Organ:
         try:
             planned = plan(self.mesh, self.places, sweep, method, settings=how)
         except CutError as error:
-            if error.code != CutCode.MISSED:
+            if not error.code.nothing_to_cut:
                 raise
             return None
         before, report = self.shape, planned.report

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from cut_service.errors import CutCode, CutError
-from cut_service.planner import Plan, Settings, plan
+from cut_service.planner import METHODS, Plan, Settings, plan
 from cut_service.sweep import Sweep
 from support.cut_scenes import SIDE, bent, heart, middle, new, quality, raw_organ, rest, square
 from support.valid_mesh import Shape, check_valid
@@ -31,7 +32,7 @@ def plan_or_miss(mesh: Mesh, sweep: Sweep, how: Settings | None = None) -> Plan 
     try:
         return plan(mesh, rest(mesh), sweep, settings=how)
     except CutError as error:
-        if error.code != CutCode.MISSED:
+        if not error.code.nothing_to_cut:
             raise
         return None
 
@@ -267,6 +268,28 @@ def test_a_scratch_too_shallow_to_part_anything_misses() -> None:
     with pytest.raises(CutError, match="too short or too shallow") as caught:
         plan(mesh, rest(mesh), square(centre, np.eye(3)[0], 0.1 * SIDE))
     assert caught.value.code == CutCode.MISSED
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("by", ["fixed", "held"])
+def test_refuses_to_cut_fixed_or_held_nodes_alone(method: str, by: str) -> None:
+    mesh = new("block")
+    sweep = square(middle(mesh), np.eye(3)[0], 1.0)
+    parted = mesh.node_rows_of(plan(mesh, rest(mesh), sweep).edit.copy_parents)
+
+    def cut(still: NDArray[np.bool_]) -> Plan:
+        mesh.fixed[: mesh.node_rows] = still if by == "fixed" else False
+        held = mesh.node_ids[: mesh.node_rows][still] if by == "held" else None
+        return plan(mesh, rest(mesh), sweep, method, settings=NO_SNAP, held=held)
+
+    near = np.abs(rest(mesh)[:, 0] - middle(mesh)[0]) < 2.1 * SIDE
+    with pytest.raises(CutError, match=r"fixed or held by tools.*let go first") as caught:
+        cut(near)
+    assert caught.value.code == CutCode.HELD
+    # Where some of what is parted is free there is something to open.
+    near[parted[:6]] = near[mesh.tets[mesh.incident.of(int(parted[0]))]] = False
+    planned = cut(near)
+    assert len(planned.edit.copied_nodes) + len(planned.edit.removed_elements) > 0
 
 
 def test_refuses_unknown_methods_and_positions_that_do_not_fit() -> None:

@@ -59,7 +59,7 @@ def cut_or_none(mesh: Mesh, sweep: Sweep) -> Plan | None:
     try:
         return cut(mesh, sweep)
     except CutError as error:
-        if error.code != CutCode.MISSED:
+        if not error.code.nothing_to_cut:
             raise
         return None
 
