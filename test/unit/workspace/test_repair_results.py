@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from tissue_sim import repair_study
@@ -34,3 +35,14 @@ def test_the_repair_is_shown_as_it_came_out(repository: Path) -> None:
     for row in rows.values():
         steps = sorted((step["time"], step["action"]) for step in row["steps"])
         assert steps == sorted(asked)
+
+
+def test_the_times_on_the_page_are_those_of_the_procedure(repository: Path) -> None:
+    page = (repository / "docs/asd_repair.md").read_text(encoding="utf-8")
+    table = page.split("## What happens")[1].split("\n## ")[0]
+    shown = {float(time) for time in re.findall(r"^\| (\d+(?:\.\d+)?) \|", table, re.MULTILINE)}
+    procedure = load_procedure(config_folder() / "procedures" / repair_study.PROCEDURE)
+    asked = {event.time for event in procedure.events if event.action != "label"}
+    moved = {motion.start for motions in procedure.motions.values() for motion in motions}
+    assert asked <= shown <= asked | moved
+    assert f"asd_repair.yaml), {procedure.end:g} s:" in table
