@@ -31,6 +31,7 @@ from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.sheet import CONNECTING, edge_keys, sides, triangle_areas
 from tissue_sim.geometry.sheet_edit import NO_NODE
 from tissue_sim.geometry.sheet_rows import WALL, SheetRows
+from tissue_sim.interaction.blade_contact import mean_edge
 
 Rows = NDArray[np.int32]
 Reals = NDArray[np.float64]
@@ -79,7 +80,7 @@ def split_sheet(given: Work) -> Plan:
     on_cut = set(crossing.chosen.tolist()) | set(lips.edges.ravel().tolist())
     tips = set(np.unique(np.stack([keys >> 32, keys & 0xFFFFFFFF])).tolist()) - set(parting.fans)
     tips -= _dead_ends(work, moved, tips)
-    where = Sides(mesh, moved, parting, on_cut)
+    where = Sides(mesh, moved, parting, on_cut, _earlier_lips(work))
     springs = cut_springs(mesh, places, parting, tips, where, opposite, work.sweep)
     kept, lost_walls = _old_walls(work, parting, where, snapping)
     walls = Walls(np.empty((0, 3), dtype=np.int32), 0)
@@ -104,6 +105,20 @@ def split_sheet(given: Work) -> Plan:
         notes=_notes(springs, walls),
     )
     return Plan(edit, report, _ends_twice(moved, lips.edges))
+
+
+def _earlier_lips(work: SheetWork) -> set[int]:
+    """Nodes that were parted before, within an edge of the sweep or of what its stroke passed."""
+    mesh, places = work.mesh, work.positions
+    parents = mesh.node_parents[: mesh.node_rows]
+    copies = np.flatnonzero(parents != mesh.node_ids[: mesh.node_rows])
+    nodes = np.union1d(copies, parents[copies])
+    nodes = nodes[mesh.node_alive[nodes]]
+    sweep = work.sweep.passed or work.sweep
+    lower, upper = sweep.box
+    edge = mean_edge(mesh)
+    nodes = nodes[((places[nodes] >= lower - edge) & (places[nodes] <= upper + edge)).all(axis=1)]
+    return set(nodes[sweep.distance(places[nodes]) < edge].tolist())
 
 
 def _dead_ends(work: SheetWork, moved: Reals, tips: set[int]) -> set[int]:

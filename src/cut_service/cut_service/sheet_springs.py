@@ -59,7 +59,12 @@ class Sides:
     """
 
     def __init__(
-        self, mesh: Mesh, places: NDArray[np.float64], parting: Parting, on_cut: Iterable[int]
+        self,
+        mesh: Mesh,
+        places: NDArray[np.float64],
+        parting: Parting,
+        on_cut: Iterable[int],
+        lips: Iterable[int] = (),
     ) -> None:
         """Find them.
 
@@ -68,13 +73,21 @@ class Sides:
             places: Positions of its nodes after snapping [m], shape (node_rows, 3).
             parting: The nodes that come apart.
             on_cut: Nodes of the cut; they say nothing about sides.
+            lips: Nodes that earlier cuts parted, near the sweep. Those of the stroke lie on it, and
+                a spring between two of them would not seem to cross it.
         """
-        self._undecided = set(on_cut)
+        before = set(lips) - parting.fans.keys()
+        self._undecided = set(on_cut) | before
         self._mesh, self._fans = mesh, parting.fans
         self._parted = dict(zip(parting.rows.tolist(), parting.nodes.tolist(), strict=True))
         self._fan_of = {
             version: fan for fans in parting.fans.values() for version, fan in fans.items()
         }
+        rows = mesh.sheet_rows
+        assert rows is not None
+        for node in before:
+            around = mesh.incident.of(node)
+            self._fan_of[node] = around[rows.carries(around)].tolist()
         self.places = np.concatenate([places, places[parting.parents]])
         for version in self._fan_of:
             self.places[version] = places[self._clear_of(version)].mean(axis=0)
@@ -176,10 +189,12 @@ class _Cutter:
         mesh = self.mesh
         rows = mesh.element_rows
         springs = np.flatnonzero(mesh.element_alive[:rows] & (mesh.tets[:rows, 2] < 0))
-        inside = springs[near(self.positions, mesh.tets[springs, :2], self.sweep)]
+        ends = mesh.tets[springs, :2]
+        # What joins lips of earlier cuts lies in the sweep, or beside it by a rounding error.
+        inside = near(self.positions, ends, self.sweep) | near(self.sides.places, ends, self.sweep)
         parted = np.array(sorted(self.parting.fans), dtype=np.int32)
         at = mesh.incident.of_all(parted)
-        return np.union1d(inside, at[mesh.tets[at, 2] < 0]).astype(np.int32)
+        return np.union1d(springs[inside], at[mesh.tets[at, 2] < 0]).astype(np.int32)
 
     def _choose(self, rows: Rows) -> tuple[list[Pair], list[bool]]:
         """For every spring the versions of its ends that see each other, and if none do."""
@@ -202,7 +217,8 @@ class _Cutter:
         """Whether the sweep lies between the nodes of pairs, and how far apart they are [m]."""
         table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         begin, end = self.sides.places[table[:, 0]], self.sides.places[table[:, 1]]
-        return segments_crossed(begin, end, self.sweep), np.linalg.norm(end - begin, axis=1)
+        crossed = segments_crossed(begin, end, self.sweep.passed or self.sweep)
+        return crossed, np.linalg.norm(end - begin, axis=1)
 
     def _put_back(
         self, broken: list[int], kept: dict[int, Pair], children: dict[int, list[Pair]]

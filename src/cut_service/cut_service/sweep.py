@@ -40,6 +40,8 @@ class Sweep:
         old: Number of triangles, the first ones, along which was cut before. An element that only
             they cross has been parted as far as it is to be, and is left alone.
         again: Ids of elements to look at nevertheless, shape (j,).
+        passed: All that a blade has passed in its stroke, of which this is the part near what is
+            new; None: this is all. Springs through thick tissue reach beyond that part.
     """
 
     vertices: NDArray[np.float64]
@@ -47,6 +49,7 @@ class Sweep:
     beyond: NDArray[np.float64] | None = None
     old: int = 0
     again: NDArray[np.uint32] = field(default_factory=lambda: np.empty(0, dtype=np.uint32))
+    passed: Sweep | None = None
 
     @classmethod
     def from_arrays(cls, vertices: ArrayLike, triangles: ArrayLike) -> Sweep:
@@ -156,7 +159,8 @@ class Sweep:
         """
         beyond = None if self.beyond is None else self.beyond @ rotation.T + translation
         moved = self.vertices @ rotation.T + translation
-        return replace(self, vertices=moved, beyond=beyond)
+        passed = None if self.passed is None else self.passed.moved(rotation, translation)
+        return replace(self, vertices=moved, beyond=beyond, passed=passed)
 
     def continued(self, width: float) -> Sweep:
         """The sweep, going on straight beyond its rim.

@@ -103,7 +103,13 @@ class Swept:
         used, corners = np.unique(chosen, return_inverse=True)
         triangles = np.ascontiguousarray(corners.reshape(chosen.shape), dtype=np.int32)
         old = max(0, len(triangles) - self.new)
-        strips = Sweep(self.points[used], triangles, old=old, again=self.unfinished)
+        strips = Sweep(
+            self.points[used],
+            triangles,
+            old=old,
+            again=self.unfinished,
+            passed=Sweep(self.points.copy(), self.triangles),
+        )
         return strips.continued(0.5 * self.reach)
 
     def carry(self, positions: NDArray[np.floating], alive: NDArray[np.bool_]) -> None:

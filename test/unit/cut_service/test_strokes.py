@@ -13,20 +13,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components as components_of
 from scipy.spatial import cKDTree
 
 from cut_service.errors import CutCode, CutError
+from cut_service.joined_parts import count_parts
 from cut_service.outcome import Outcome
 from cut_service.planner import plan
+from cut_service.sheet_validity import sheet_faults, sheet_joints
 from cut_service.stroke_study import as_markdown
 from cut_service.strokes import Pick, Strip, Strokes
 from cut_service.sweep import Sweep
 from cut_service.swept import Swept
 from cut_service.work import Settings
 from support.operation import Operation, knife, line, split_nodes
+from support.sheets import shell
 from support.valid_mesh import check_valid
 from tissue_sim.frame import Command
-from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.geometry.sheet_geometry import (
@@ -122,16 +126,44 @@ def test_other_ways_of_cutting_follow_a_stroke(method: str) -> None:
     assert check_valid(operation.simulation.mesh).components == 2
 
 
-@pytest.mark.parametrize("kind", [SURFACE, CONNECTED])
-def test_a_stroke_parts_triangles(kind: str) -> None:
-    raw = with_sheet(surface_of(block(8, 8, 8, SIZE, SIZE, SIZE)), SheetSettings(kind), [])
-    operation = Operation(Mesh(raw, raw.points[:, 2] < 1e-9), knife((0.02, 0.09)), 2)
-    operation.go(line([PLACE, -0.02, 0.03], [PLACE, 0.085, 0.03], 80, TURN))
+def springs_across(mesh: Mesh, place: float) -> int:
+    """Springs from triangles on one side of x = place to triangles on the other."""
+    sheet = mesh.sheet
+    assert sheet is not None
+    first, second = sheet.triangles[:, [0, 1]].ravel(), sheet.triangles[:, [1, 2]].ravel()
+    graph = coo_matrix((np.ones(len(first)), (first, second)), (mesh.node_rows, mesh.node_rows))
+    label = components_of(graph, directed=False)[1]
+    size = np.bincount(label)
+    middle = np.bincount(label, mesh.rest[: mesh.node_rows, 0]) / size
+    side = middle[label] > place
+    return int((side[sheet.springs[:, 0]] != side[sheet.springs[:, 1]]).sum())
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "place", "latency"),
+    [
+        ("block", SURFACE, PLACE, 2),
+        ("block", CONNECTED, PLACE, 2),
+        ("block", CONNECTED, 0.027, 3),
+        ("shell", CONNECTED, 0.0, 2),
+        ("shell", CONNECTED, -0.003, 2),
+        ("shell", CONNECTED, 0.004, 4),
+    ],
+)
+def test_a_stroke_right_through_surfaces_gives_two_parts(
+    shape: str, kind: str, place: float, latency: int
+) -> None:
+    surface = shell() if shape == "shell" else surface_of(block(8, 8, 8, SIZE, SIZE, SIZE))
+    mesh = Mesh(with_sheet(surface, SheetSettings(kind), []))
+    middle = 0.0 if shape == "shell" else 0.03
+    operation = Operation(mesh, knife((0.02, 0.12)), latency)
+    start, end = ([place, middle + y, middle] for y in (-0.06, 0.06))
+    operation.go(line(start, end, 80, TURN))
     mesh = operation.simulation.mesh
-    corners = mesh.tets[: mesh.element_rows]
-    solid = mesh.element_alive[: mesh.element_rows] & (corners[:, 2] >= 0)
-    parts, _ = connected_components(corners[:, [0, 1, 2, 2]], solid, mesh.node_rows)[:2]
-    assert parts == 2
+    assert len(operation.edits) > 3
+    assert springs_across(mesh, place) == 0
+    assert count_parts(*sheet_joints(mesh)) == 2
+    assert sheet_faults(mesh) == []
 
 
 def test_tissue_that_is_pulled_while_it_is_cut_is_cut_once() -> None:
