@@ -132,6 +132,19 @@ SUTURES: dict[str, tuple[str, Callable[[], Suture.Request]]] = {
     )),
 }  # fmt: skip
 
+WITH_PATCHES: dict[str, tuple[str, Callable[[], Suture.Request]]] = {
+    "sew in one of two patches, and none is named": ("UNKNOWN_PATCH", lambda: suture(
+        SEW_RIM, spacing=0.002
+    )),
+    "sew in around an unknown hole": ("UNKNOWN_HOLE", lambda: suture(
+        SEW_RIM, patch=1, hole="nowhere", spacing=0.002
+    )),
+    "sew in a patch of which nothing is left": ("NO_RIM", lambda: suture(
+        SEW_RIM, patch=2, spacing=0.002
+    )),
+}  # fmt: skip
+"""Asked when the organ has two patches, and nothing is left of the second."""
+
 SHEET = [[0.0, 0.0, 0.01], [0.01, 0.0, 0.01], [0.01, 0.01, 0.01], [0.0, 0.01, 0.01]]
 
 
@@ -154,6 +167,9 @@ PATCHES: dict[str, tuple[str, Callable[[], AddPatch.Request]]] = {
     "a negative thickness": ("INVALID", lambda: patch(thickness=-1e-3)),
     "an infinite modulus": ("INVALID", lambda: patch(young_modulus=np.inf)),
     "a density that is no number": ("INVALID", lambda: patch(density=np.nan)),
+    "a kilometre away": ("INVALID", lambda: patch(np.array(SHEET) + 1e3)),
+    "beyond all numbers": ("INVALID", lambda: patch(np.array(SHEET) + 1e200)),
+    "thicker than it is wide": ("INVALID", lambda: patch(thickness=0.02)),
     "edges of a kilometre": ("INVALID", lambda: patch(edge_length=1e3)),
     "crosses itself": ("CROSSES", lambda: patch([SHEET[0], SHEET[2], SHEET[1], SHEET[3]])),
     "not flat": ("NOT_FLAT", lambda: patch([*SHEET[:3], [0.0, 0.01, 0.02]])),
@@ -178,6 +194,8 @@ CLOSURES: dict[str, tuple[str, Callable[[], Closure.Request]]] = {
     "a position is not a number": ("INVALID", lambda: closure([[np.nan] * 3, *RING[1:]])),
     "two positions": ("INVALID", lambda: closure(RING[:2])),
     "four numbers": ("INVALID", lambda: closure([0.0] * 4)),
+    "a position beyond all numbers": ("INVALID", lambda: closure([*RING[1:], [1e200] * 3])),
+    "a loop like an eight": ("INVALID", lambda: closure([RING[k] for k in (0, 2, 1, 3)])),
     "an unknown frame": ("UNKNOWN_FRAME", lambda: closure(RING, frame="moon")),
     "a frame to come": ("STATE_FRAME_GONE", lambda: closure(RING, state_frame=FAR_FRAME)),
     "around nothing": ("NOTHING_THERE", lambda: closure(np.array(RING) + 1.0)),
@@ -263,13 +281,18 @@ ALONGSIDE: dict[str, dict[str, str]] = {
     "tissue/undo": {
         "no edit was made": "NOTHING_THERE", "all are undone": "NOTHING_THERE",
         "while an organ is loaded or reset": "BUSY", "while a model is built": "BUSY",
+        "the model will not have it": "REFUSED",
     },
     "tissue/redo": {
         "no edit was undone": "NOTHING_THERE", "another edit was made since": "NOTHING_THERE",
         "while an organ is loaded or reset": "BUSY", "while a model is built": "BUSY",
+        "the model will not have it": "REFUSED",
+    },
+    "tissue/closure": {"a hole whose edge is no more": "HOLE_LOST"},
+    "tissue/cut, tissue/suture, tissue/add_patch, tissue/closure": {
+        "nothing known of the tissue": "NO_TISSUE",
     },
     "tissue/cut, tissue/suture, tissue/add_patch": {
-        "nothing known of the tissue": "NO_TISSUE",
         "the tissue changes under three plans, or the simulation stays busy": "STALE",
         "the simulation does not answer, or begins a new epoch": "SIMULATION_LOST",
         "the simulation or its model will not have the edit": "REFUSED",
@@ -283,6 +306,7 @@ def as_markdown() -> str:
     rows: list[tuple[str, str, str]] = []
     for service, (_, table) in SERVICES.items():
         rows += [(service, code, what) for what, (code, _) in table.items()]
+    rows += [("tissue/suture", code, what) for what, (code, _) in WITH_PATCHES.items()]
     rows += [("tissue/apply_edit", code, what) for what, (code, _) in EDITS.items()]
     rows += [(s, code, what) for s, table in ALONGSIDE.items() for what, code in table.items()]
     grouped: dict[tuple[str, str], list[str]] = {}

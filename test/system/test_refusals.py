@@ -28,6 +28,7 @@ from support.refused_requests import (
     REMOVE,
     SERVICES,
     TIGHTEN,
+    WITH_PATCHES,
     cut,
     patch,
     square,
@@ -36,6 +37,7 @@ from support.refused_requests import (
 )
 from support.sewn_blocks import sew_edit, two_blocks
 from tissue_sim import conversions, qos
+from tissue_sim.geometry.edit import TopologyEdit
 
 
 @dataclass
@@ -100,6 +102,7 @@ def test_requests_that_cannot_be_met_are_refused_with_a_code_and_change_nothing(
     _strips(world)
     assert (mesh.version, world.simulation.applied) == (version, [])
     assert remembered(mesh) == before
+    _with_patches(world)
 
 
 def _held(world: World) -> None:
@@ -121,6 +124,29 @@ def _held(world: World) -> None:
     message.nodes = []
     publisher.publish(message)
     wait_for(lambda: "0" in reported, what="their release to be known")
+
+
+def _with_patches(world: World) -> None:
+    """Sewing in of patches: there are two, and nothing is left of the second."""
+    simulation = world.simulation
+    mesh = simulation.mesh
+    for _ in range(2):
+        answer = world.ask("tissue/add_patch", patch())
+        assert answer.success, answer.message
+    rows = np.flatnonzero(mesh.regions[: mesh.element_rows] == mesh.patches.items[1].label)
+    nothing_left = TopologyEdit(mesh.version, removed_elements=mesh.element_ids[rows])
+    simulation.apply(nothing_left)
+    before, unlike = remembered(mesh), []
+    known = mesh.version
+    wait_for(
+        lambda: world.ask("tissue/suture", suture(LIST)).version == known, what="the last edit"
+    )
+    for what, (code, request) in WITH_PATCHES.items():
+        answer = world.ask("tissue/suture", request())
+        if answer.success or answer.error_code != getattr(Suture.Response, code):
+            unlike.append(f"{what}: {answer.error_code}, not {code}: {answer}")
+    assert unlike == []
+    assert remembered(mesh) == before
 
 
 def _strips(world: World) -> None:

@@ -15,6 +15,7 @@ from tissue_interfaces.srv import Closure
 
 from cut_service.errors import CutCode, CutError
 from cut_service.hole_book import ClosureCode, ClosureError, HoleBook, Looked, look_at
+from cut_service.internal_errors import internal_error
 from cut_service.suture_server import Followed
 from tissue_sim import conversions, qos
 from tissue_sim.frames import UnknownFrameError
@@ -74,8 +75,8 @@ class ClosureServer:
             code, text = _CODES.get(error.code, ClosureCode.INVALID), str(error)
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
-            self._node.get_logger().error(f"closure failed: {type(error).__name__}: {error}")
-            code, text = ClosureCode.INVALID, f"measuring failed: {error}"
+            code = ClosureCode.INVALID
+            text = internal_error(self._node, "tissue/closure", error)
         response.success, response.message = code == ClosureCode.NONE, text
         response.error_code = int(code)
         self._node.get_logger().info(f"closure: {text}")

@@ -18,6 +18,7 @@ from cut_service.closure_server import ClosureServer
 from cut_service.cut_parameters import SPECS, CutParameters
 from cut_service.errors import CutCode, CutError
 from cut_service.hole_book import HoleBook
+from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
 from cut_service.organ import organ_of
 from cut_service.outcome import Outcome
@@ -195,8 +196,7 @@ class CutNode(Node):
             outcome = Outcome(error.code, str(error))
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
-            self.get_logger().error(f"planning failed: {type(error).__name__}: {error}")
-            outcome = Outcome(CutCode.REFUSED, f"planning failed: {error}")
+            outcome = Outcome(CutCode.REFUSED, internal_error(self, "tissue/cut", error))
         entry.answer = self._last = outcome
         self._counts["failed" if outcome.code else "applied"] += 1
         by = f" by {author}" if author else ""

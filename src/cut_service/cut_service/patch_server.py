@@ -15,6 +15,7 @@ from tissue_interfaces.msg import Tool, ToolList
 from tissue_interfaces.srv import AddPatch, ApplyEdit
 
 from cut_service.errors import CutCode, CutError
+from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
 from cut_service.patching import PatchCode, PatchError, PatchPlan, Wanted, plan_patch
 from cut_service.suture_server import ATTEMPTS, PATIENCE, PAUSE_WHEN_BUSY, Followed
@@ -80,14 +81,13 @@ class PatchServer:
 
     async def _lay(self, tool: Tool) -> None:
         """Lay a patch of a tool's shape where the tool is."""
-        pose = conversions.pose_array(tool.pose)
-        spec = ToolSpec(tool.id, tool.kind, tool.shape, tuple(tool.size))
-        corners = rigid.to_world(pose, outline(spec))
-        normal = rigid.to_world(pose, np.array([[0.0, 1.0, 0.0]]))[0] - pose[:3]
-        wanted = Wanted(corners, normal, tool=tool.id)
 
-        def work(request_id: str) -> Awaitable[Outcome]:
-            return self._add(wanted, 0, tool.id, request_id)
+        async def work(request_id: str) -> Outcome:
+            pose = conversions.pose_array(tool.pose)
+            spec = ToolSpec(tool.id, tool.kind, tool.shape, tuple(tool.size))
+            corners = rigid.to_world(pose, outline(spec))
+            normal = rigid.to_world(pose, np.array([[0.0, 1.0, 0.0]]))[0] - pose[:3]
+            return await self._add(Wanted(corners, normal, tool=tool.id), 0, tool.id, request_id)
 
         await self._answered(uuid.uuid4().hex, work)
 
@@ -130,8 +130,8 @@ class PatchServer:
             outcome = Outcome(_CODES.get(error.code, PatchCode.REFUSED), str(error))
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
-            self._node.get_logger().error(f"patching failed: {type(error).__name__}: {error}")
-            outcome = Outcome(PatchCode.REFUSED, f"planning failed: {error}")
+            message = internal_error(self._node, "tissue/add_patch", error)
+            outcome = Outcome(PatchCode.REFUSED, message)
         entry.answer = outcome
         self._node.get_logger().info(f"patch: {outcome.message}")
         return outcome

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cut_service.organ import organ_of
+from cut_service.organ_size import tissue_box
 from cut_service.overlap import overlap_of
 from tissue_sim.geometry import patches
 from tissue_sim.geometry.edit import NO_PARENT, PATCH, PROVISIONAL, TopologyEdit
@@ -21,6 +22,7 @@ from tissue_sim.geometry.outline import (
     Plane,
     checked_outline,
     plane_of,
+    signed_area,
 )
 from tissue_sim.geometry.patch_layers import PatchTissue, double_sheet, single_sheet, solid
 from tissue_sim.geometry.patch_mesh import FlatMesh, TooManyNodesError, mesh_outline
@@ -29,6 +31,12 @@ from tissue_sim.geometry.sheet import CONNECTING, triangle_areas
 
 THICKNESS, YOUNG_MODULUS, DENSITY = 1e-3, 2e5, 1060.0
 """Of a patch that a request says nothing of [m], [Pa], [kg/m^3]."""
+
+FARTHEST = 10.0
+"""Farthest that a corner may be from the organ's bounding box along an axis, in diagonals of it."""
+
+THICKEST = 0.5
+"""Largest thickness, as a share of the diameter of a circle as large as the outline."""
 
 
 class PatchCode(IntEnum):
@@ -131,19 +139,22 @@ def plan_patch(mesh: Mesh, shape: NDArray[np.floating], wanted: Wanted) -> Patch
         wanted: What is wanted.
 
     Raises:
-        PatchError: A number is out of range, or the outline encloses no patch.
+        PatchError: A number is out of range, or the outline encloses no patch, is far from the
+            organ or small beside the thickness.
     """
     patch = _patch(mesh, wanted)
+    positions = np.asarray(shape, dtype=np.float64)
+    _refuse_far(mesh, positions, wanted.corners)
     edge = wanted.edge or mean_edge(mesh)
     try:
         plane, outline = _flat(wanted)
+        _refuse_thick(outline, patch.thickness)
         double = mesh.sheet_rows is None or _has_connections(mesh)
         flat = mesh_outline(outline, edge, layers=2 if double else 1)
     except OutlineError as error:
         raise PatchError(_code(error), str(error)) from None
     tissue = _tissue(mesh, flat, patch.thickness)
     edit = _edit(mesh, plane, tissue, patch, wanted.tool)
-    positions = np.asarray(shape, dtype=np.float64)
     overlap = overlap_of(mesh, positions, plane, outline, tissue.points, patch.thickness)
     return PatchPlan(
         edit, len(tissue.points), len(tissue.elements), flat.area, edge, tissue.quality,
@@ -185,6 +196,33 @@ def _patch(mesh: Mesh, wanted: Wanted) -> Patch:
             f"the organ has a region named {wanted.name!r} already; give the patch another name",
         )
     return patch
+
+
+def _refuse_far(mesh: Mesh, positions: NDArray[np.float64], corners: NDArray[np.float64]) -> None:
+    """Refuse a patch that is nowhere near the organ: a mistake of units or of a frame."""
+    if not mesh.node_alive[: mesh.node_rows].any():
+        raise PatchError(PatchCode.NO_TISSUE, "no node of the organ is left")
+    lower, upper = tissue_box(mesh, positions)
+    size = float(np.linalg.norm(upper - lower))
+    # Along each axis: squares of what is beyond all measure would be beyond all numbers.
+    away = float(np.maximum(lower - corners, corners - upper).max(initial=0.0))
+    if away > FARTHEST * size:
+        raise PatchError(
+            PatchCode.INVALID,
+            f"a corner is {away:.3g} m beside the organ, which is {size:.3g} m large; allowed: "
+            f"{FARTHEST:g} times that (are its units metres?)",
+        )
+
+
+def _refuse_thick(outline: NDArray[np.float64], thickness: float) -> None:
+    """Refuse a rod that calls itself a sheet."""
+    most = THICKEST * 2.0 * float(np.sqrt(signed_area(outline) / np.pi))
+    if thickness > most:
+        raise PatchError(
+            PatchCode.INVALID,
+            f"thickness = {1e3 * thickness:.3g} mm is not allowed for this outline; allowed: up to "
+            f"{1e3 * most:.3g} mm ({THICKEST:g} diameters of a circle as large)",
+        )
 
 
 def _flat(wanted: Wanted) -> tuple[Plane, NDArray[np.float64]]:

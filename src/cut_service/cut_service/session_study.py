@@ -1,4 +1,7 @@
-"""Random sessions of every kind of edit, each edit checked; a part of `property_study`."""
+"""Random sessions of every kind of edit, each edit checked.
+
+`python3 -m cut_service.property_study` runs them.
+"""
 
 from __future__ import annotations
 

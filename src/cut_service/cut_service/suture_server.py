@@ -15,6 +15,7 @@ from tissue_interfaces.srv import ApplyEdit, Suture
 
 from cut_service.errors import CutCode, CutError
 from cut_service.hole_book import ClosureError, HoleBook
+from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
 from cut_service.rim import patch_of, plan_rim
 from cut_service.suturing import (
@@ -144,8 +145,8 @@ class SutureServer:
             outcome = Outcome(_CODES.get(error.code, SutureCode.REFUSED), str(error))
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
-            self._node.get_logger().error(f"sewing failed: {type(error).__name__}: {error}")
-            outcome = Outcome(SutureCode.REFUSED, f"planning failed: {error}")
+            message = internal_error(self._node, "tissue/suture", error)
+            outcome = Outcome(SutureCode.REFUSED, message)
         entry.answer = outcome
         self._node.get_logger().info(f"suture: {outcome.message}")
         return outcome

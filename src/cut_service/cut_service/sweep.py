@@ -215,6 +215,12 @@ class Sweep:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.copysign(distances, np.einsum("ij,ij->i", normals, points - nearest))
 
+    def fits(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+        """Whether it is at most `MAX_SIZE_RATIO` times as large as a box [m], corners (3,)."""
+        own_lower, own_upper = self.box
+        size = np.linalg.norm(own_upper - own_lower)
+        return bool(size <= MAX_SIZE_RATIO * np.linalg.norm(upper - lower))
+
     def check_size(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> None:
         """Refuse a sweep that is enormous beside the organ.
 
@@ -225,9 +231,9 @@ class Sweep:
         Raises:
             SweepError: The sweep is more than `MAX_SIZE_RATIO` times as large.
         """
-        own_lower, own_upper = self.box
-        size, organ = np.linalg.norm(own_upper - own_lower), np.linalg.norm(upper - lower)
-        if size > MAX_SIZE_RATIO * organ:
+        if not self.fits(lower, upper):
+            own_lower, own_upper = self.box
+            size, organ = np.linalg.norm(own_upper - own_lower), np.linalg.norm(upper - lower)
             raise SweepError(
                 f"the sweep is {size:.3g} m large and the organ {organ:.3g} m; allowed: "
                 f"{MAX_SIZE_RATIO:g} times the organ (are its units metres?)"

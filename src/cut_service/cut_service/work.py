@@ -11,6 +11,7 @@ from cut_service.errors import CutCode, CutError
 from cut_service.excerpt import Excerpt
 from cut_service.neighbours import Links, links_of
 from cut_service.organ import Organ, organ_of
+from cut_service.organ_size import SPARSE, tissue_box
 from cut_service.parts import change_of_parts
 from cut_service.sweep import Sweep
 from tissue_sim.geometry.edit import TopologyEdit
@@ -230,7 +231,7 @@ def prepare(
     living = places[mesh.node_alive[: mesh.node_rows]]
     if not len(living) or not np.isfinite(living).all():
         raise _no_shape()
-    sweep.check_size(living.min(axis=0), living.max(axis=0))
+    _refuse_enormous(mesh, places, sweep)
     alive = mesh.element_alive[: mesh.element_rows]
     return Work(mesh, links_of(mesh), alive, places, sweep, settings, still_nodes(mesh, held))
 
@@ -247,7 +248,10 @@ def _part_of(
     survey = organ.grid.survey(places)
     if not survey.finite or not organ.elements:
         raise _no_shape()
-    sweep.check_size(survey.lower, survey.upper)
+    if len(mesh.patches):
+        _refuse_enormous(mesh, places, sweep)
+    else:
+        sweep.check_size(survey.lower, survey.upper)
     near = organ.grid.near(survey, places, *sweep.box)
     near, masks = sweep.crossed(places, mesh.tets, near, lambda rows: _beside(mesh, sweep, rows))
     if not len(near):
@@ -259,6 +263,13 @@ def _part_of(
         settings, still_nodes(mesh, held)[part.nodes],
         Surroundings(mesh, organ, part, crossed, masks),
     )  # fmt: skip
+
+
+def _refuse_enormous(mesh: Mesh, places: NDArray[np.float64], sweep: Sweep) -> None:
+    """Refuse a sweep that is enormous beside the tissue, wherever patches are."""
+    # Nearly every sweep is small beside some of the tissue already.
+    if not sweep.fits(*tissue_box(mesh, places, SPARSE)):
+        sweep.check_size(*tissue_box(mesh, places))
 
 
 def _beside(mesh: Mesh, sweep: Sweep, rows: NDArray[np.int32]) -> NDArray[np.int32]:

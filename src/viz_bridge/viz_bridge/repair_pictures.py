@@ -1,10 +1,11 @@
 """Pictures of the repair of an atrial septal defect, from a session's bag.
 
-Usage: python -m viz_bridge.repair_pictures BAG FOLDER
+`python3 -m viz_bridge.repair_pictures BAG FOLDER` draws them.
 """
 
 from __future__ import annotations
 
+import argparse
 import copy
 import sys
 from dataclasses import dataclass, replace
@@ -161,9 +162,18 @@ def draw_repair(bag: Path, folder: Path) -> Pictures:
     return render_files(arrays_from(bag), folder)
 
 
-def main() -> int:
+def main(args: list[str] | None = None) -> int:
     """Entry point."""
-    pictures = draw_repair(Path(sys.argv[1]), Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(
+        prog="python3 -m viz_bridge.repair_pictures", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("bag", type=Path, help="of a session that played asd_repair.yaml")
+    parser.add_argument("folder", type=Path, help="where the PNG files go")
+    given = parser.parse_args(args)
+    try:
+        pictures = draw_repair(given.bag, given.folder)
+    except ValueError as error:
+        parser.error(str(error))
     for file in pictures.files:
         print(file)
     if pictures.message:

@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tissue_interfaces.srv import AddPatch
 
+from cut_service.errors import SweepError
 from cut_service.patching import (
+    FARTHEST,
+    THICKEST,
     THICKNESS,
     PatchCode,
     PatchError,
@@ -20,6 +23,8 @@ from cut_service.patching import (
     mean_edge,
     plan_patch,
 )
+from cut_service.planner import plan
+from cut_service.sweep import Sweep
 from support.sewn_blocks import two_blocks
 from support.sheets import connected, sheet_mesh, strip
 from support.tet_topology import boundary
@@ -263,6 +268,10 @@ BAD: list[tuple[str, PatchCode, dict[str, Any]]] = [
     ("thickness", PatchCode.INVALID, {"thickness": -1.0}),
     ("thickness", PatchCode.INVALID, {"thickness": np.inf}),
     ("thickness", PatchCode.INVALID, {"thickness": 5.0}),
+    ("a rod", PatchCode.INVALID, {"thickness": 0.0114}),
+    ("far", PatchCode.INVALID, {"corners": SQUARE + 15.0 * ABOVE}),
+    ("far", PatchCode.INVALID, {"corners": SQUARE - 1e3}),
+    ("far", PatchCode.INVALID, {"corners": SQUARE + 1e200}),
     ("modulus", PatchCode.INVALID, {"young_modulus": -1.0}),
     ("modulus", PatchCode.INVALID, {"young_modulus": 1e20}),
     ("density", PatchCode.INVALID, {"density": 1e9}),
@@ -278,6 +287,30 @@ def test_bad_input_is_refused_with_a_code_and_a_reason(
         planned(**wrong)
     assert caught.value.code == code, f"{what}: {caught.value}"
     assert str(caught.value)
+
+
+def test_how_far_and_how_thick_a_patch_may_be() -> None:
+    mesh, shape = organ()
+    size = float(np.linalg.norm(np.ptp(shape, axis=0)))
+    top = float(shape[:, 2].max())
+    at = np.array([0.0, 0.0, top + 0.999 * FARTHEST * size])
+    assert plan_patch(mesh, shape, Wanted(SQUARE + at)).nodes
+    widest = 2.0 * float(np.sqrt(0.02**2 / np.pi))
+    edit = planned(thickness=0.999 * THICKEST * widest)
+    assert edit.added_patches[0].thickness == pytest.approx(THICKEST * widest, rel=2e-3)
+
+
+def test_a_patch_makes_the_organ_no_larger_for_sweeps() -> None:
+    corners = [[0.01, -1, -1], [0.01, 1, -1], [0.01, 1, 1], [0.01, -1, 1]]
+    for mesh in (organ()[0], sheet_mesh(strip(6, 5))):
+        shape = mesh.rest[: mesh.node_rows].copy()
+        change = mesh.apply(plan_patch(mesh, shape, Wanted(SQUARE)).edit)
+        places = mesh.rest[: mesh.node_rows].astype(np.float64)
+        large = Sweep.from_arrays(100.0 * np.array(corners), [[0, 1, 2], [0, 2, 3]])
+        # Carried a kilometre away by its tool.
+        places[mesh.node_rows_of(change.edit.born_nodes)] += 1e3
+        with pytest.raises(SweepError, match="100 times the organ"):
+            plan(mesh, places, large)
 
 
 def test_a_name_that_is_taken_is_refused() -> None:

@@ -271,6 +271,16 @@ def test_wherever_the_patch_is_stitches_are_valid_and_undone(
     assert len(mesh.sutures) == 0
 
 
+def test_what_nothing_is_left_of_has_no_rim() -> None:
+    mesh, _ = patched()
+    (patch,) = mesh.patches
+    rows = np.flatnonzero(mesh.regions[: mesh.element_rows] == patch.label)
+    mesh.apply(TopologyEdit(mesh.version, removed_elements=mesh.element_ids[rows]))
+    with pytest.raises(SutureError, match="no rim") as caught:
+        plan_rim(mesh, mesh.rest[: mesh.node_rows], patch, Sewing(edge(), spacing=0.0025))
+    assert caught.value.code == SutureCode.NO_RIM
+
+
 CROSSED = edge()[[0, 4, 2, 6]]
 
 

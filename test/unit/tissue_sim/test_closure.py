@@ -61,6 +61,16 @@ def test_an_open_hole_is_not_covered_and_as_wide_as_it_is() -> None:
     assert open_hole.open_area == open_hole.area
 
 
+def test_the_widest_circle_fits_around_the_centre_that_is_told() -> None:
+    # An equilateral triangle: only one circle is the widest, and its centre is no sample.
+    angles = np.radians([90.0, 210.0, 330.0])
+    corners = R * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    middle = np.array([0.0123, -0.0456, 0.0789])
+    found = measure(corners + middle, 0.005, Pieces(), NOTHING)
+    assert found.gap == pytest.approx(R, abs=0.3 * found.sampling)
+    assert np.linalg.norm(found.gap_at - middle) < 0.3 * found.sampling
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_a_smaller_disc_covers_the_square_of_its_share_and_leaves_a_ring(share: float) -> None:
     found = measure(ring(), 0.005, pieces(fan(ring(share * R, height=0.002))), NOTHING)
@@ -76,7 +86,7 @@ def test_half_a_hole_is_half_covered_and_the_widest_circle_is_half_as_wide() -> 
     found = measure(ring(), 0.005, pieces(fan(rectangle(2 * R, 3 * R))), NOTHING)
     assert found.covered == pytest.approx(0.5, abs=2e-3)
     assert found.gap == pytest.approx(R, abs=found.sampling)
-    assert found.gap_at == pytest.approx([-0.5 * R, 0.0, 0.0], abs=0.2 * R)
+    assert found.gap_at == pytest.approx([-0.5 * R, 0.0, 0.0], abs=found.sampling)
     assert found.edge_gap == pytest.approx(R, rel=1e-3)
 
 
@@ -219,6 +229,7 @@ BENT = np.array([[0, -3, 0], [4, 1, 0], [4, -1, 0], [0, 3, 0]]) * R
     [
         (np.full((4, 3), np.nan), "not finite"),
         (np.array([[0, 0, 0], [np.inf, 0, 0], [0, 1, 0]]), "not finite"),
+        (1e200 * ring(), "allowed: up to 1000 m"),
         (np.empty((0, 3)), "0 different positions"),
         (ring()[:2], "2 different positions"),
         (np.repeat(ring()[:2], 2, axis=0), "2 different positions"),

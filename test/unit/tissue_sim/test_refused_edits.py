@@ -114,6 +114,21 @@ def test_there_is_nothing_to_undo_or_redo_twice(loop: Loop) -> None:
     assert loop.bits() == before
 
 
+def test_what_the_model_will_not_have_is_neither_undone_nor_redone(
+    loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for kind in ("undo", "redo"):
+        before = loop.bits()
+        with monkeypatch.context() as patched:
+            patched.setattr(loop.live.simulation.model, "refusal", lambda _: "not now")
+            refused = loop.until(loop.post(kind))
+        code = ALONGSIDE[f"tissue/{kind}"]["the model will not have it"]
+        assert (refused.success, refused.error) == (False, code)
+        assert "not now" in refused.message
+        assert loop.bits() == before
+        assert loop.until(loop.post(kind)).success
+
+
 @pytest.mark.parametrize("job", ["reset", "set_model"])
 def test_while_something_else_is_under_way_requests_are_busy(
     loop: Loop, job: str, monkeypatch: pytest.MonkeyPatch

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from tissue_sim.geometry.closure_kernels import Grid, cover, fill_disc, find_exits, nearest_places
+from tissue_sim.geometry.closure_kernels import (
+    Grid,
+    cover,
+    fill_disc,
+    find_exits,
+    height_at,
+    nearest_places,
+)
 
 Reals = NDArray[np.float64]
 
@@ -33,6 +40,10 @@ FINER = 9
 
 LEAST_ROUNDNESS = 1e-3
 """Least 4 pi area / perimeter^2 of a loop that encloses something: a slit 1 wide and 4000 long."""
+
+
+FARTHEST = 1e3
+"""Largest coordinate of a loop [m]: what is beyond is a mistake, and its area may be no number."""
 
 
 class LoopError(ValueError):
@@ -118,10 +129,9 @@ class Disc:
         """Places [m] in the disc's coordinates, same shape."""
         return np.ascontiguousarray((places - self.middle) @ self.axes.T)
 
-    def place(self, i: int, j: int) -> Reals:
-        """Where a sample of the disc is [m], shape (3,)."""
-        flat = self.grid.origin + self.grid.spacing * (np.array([i, j]) + 0.5)
-        return self.middle + np.append(flat, self.grid.heights[i, j]) @ self.axes
+    def place(self, x: float, y: float) -> Reals:
+        """Where the disc is over a place of its plane [m], shape (3,)."""
+        return self.middle + np.array([x, y, height_at(self.loop, x, y)]) @ self.axes
 
 
 def checked_loop(loop: Reals) -> Reals:
@@ -131,12 +141,16 @@ def checked_loop(loop: Reals) -> Reals:
         loop: Places [m], in turn; the last joins the first, shape (n, 3).
 
     Raises:
-        LoopError: It is not finite, has fewer than three places, encloses next to nothing, or
-            crosses itself as seen along its normal.
+        LoopError: It is not finite, is beyond `FARTHEST`, has fewer than three places, encloses
+            next to nothing, or crosses itself as seen along its normal.
     """
     loop = np.asarray(loop, dtype=np.float64).reshape(-1, 3)
     if not np.isfinite(loop).all():
         raise LoopError("a position of the loop is not finite")
+    if (farthest := float(np.abs(loop).max(initial=0.0))) > FARTHEST:
+        raise LoopError(
+            f"a coordinate of the loop is {farthest:.3g} m; allowed: up to {FARTHEST:g} m"
+        )
     loop = without_repeats(loop)
     if len(loop) < 3:
         raise LoopError(f"the loop has {len(loop)} different positions; allowed: at least 3")
@@ -298,13 +312,16 @@ def _widest(disc: Disc, is_open: NDArray[np.bool_]) -> tuple[float, Reals]:
     steps = np.linspace(-1.0, 1.0, FINER)
     middle = np.array([i, j]) + 0.5
     centres = middle + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    radii = _to_line(disc.grid.origin + spacing * centres, disc.loop[:, :2])
+    flat = disc.grid.origin + spacing * centres
+    radii = _to_line(flat, disc.loop[:, :2])
     closed = np.argwhere(disc.grid.inside & ~is_open) + 0.5
     if len(closed):
         # The border of what is closed runs between two samples, on average half way.
         nearest, _ = cKDTree(closed).query(centres)
         radii = np.minimum(radii, (nearest - 0.5) * spacing)
-    return 2.0 * float(max(radii.max(), 0.0)), disc.place(int(i), int(j))
+    best = int(np.argmax(radii))
+    x, y = flat[best].tolist()
+    return 2.0 * float(max(radii[best], 0.0)), disc.place(x, y)
 
 
 def _to_line(places: Reals, loop: Reals) -> Reals:

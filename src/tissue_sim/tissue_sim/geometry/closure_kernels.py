@@ -58,7 +58,7 @@ def fill_disc(loop: Reals, grid: Grid) -> None:
         for j in range(inside.shape[1]):
             y = origin[1] + (j + 0.5) * spacing
             inside[i, j] = _turns(loop, x, y) > 0
-            heights[i, j] = _height_at(loop, x, y) if inside[i, j] else 0.0
+            heights[i, j] = height_at(loop, x, y) if inside[i, j] else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -75,7 +75,7 @@ def _turns(loop: Reals, x: float, y: float) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _height_at(loop: Reals, x: float, y: float) -> float:
+def height_at(loop: Reals, x: float, y: float) -> float:
     """Mean value interpolation of the third coordinate of a loop's corners."""
     last = len(loop) - 1
     low, high = loop[last, 2], loop[last, 2]
