@@ -87,7 +87,7 @@ def plan(
         made = planner(prepare(mesh, positions, sweep, settings or Settings(), held))
         _refuse_still(mesh, made.edit, held)
     except CutError as error:
-        if error.code != CutCode.MISSED or not len(cut_threads(mesh, positions, sweep)):
+        if not error.code.nothing_to_cut or not len(cut_threads(mesh, positions, sweep)):
             raise
         made = no_tissue_cut(mesh)
     made = with_threads_cut(mesh, made, cut_threads(mesh, positions, sweep))
