@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -17,6 +18,12 @@ _CACHES = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_CACHES / "tissue_sim" / "numba" / "tests"))
 # Before rclpy is imported: wrong types in message fields are errors.
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
+
+# Before tests are imported: the same examples in every run, so that a run that fails, fails again.
+# `pytest -m hypothesis --hypothesis-profile=search` looks for new ones.
+settings.register_profile("repeatable", derandomize=True)
+settings.register_profile("search", derandomize=False, print_blob=True)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")

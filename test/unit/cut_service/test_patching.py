@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tissue_interfaces.srv import AddPatch
@@ -105,6 +105,8 @@ def test_any_simple_polygon_becomes_a_valid_mesh(corners: NDArray[np.float64], e
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(3, 9), st.floats(0.008, 0.02), st.floats(0.0, 1.0), st.floats(0.001, 0.003))
+@example(count=3, radius=0.008, turn=0.0, edge=0.0029816841296255625)
+@example(count=3, radius=0.008, turn=0.2541, edge=0.0029)
 def test_outlines_without_sharp_corners_get_good_elements(
     count: int, radius: float, turn: float, edge: float
 ) -> None:

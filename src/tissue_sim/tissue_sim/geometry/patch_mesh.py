@@ -2,7 +2,8 @@
 
 Points are spread evenly along the outline and on a hexagonal lattice within it. Their Delaunay
 triangulation is that of the patch as soon as it has all sides of the rim; until then those that it
-lacks are divided. Then inner points are smoothed.
+lacks are divided. Where the lattice leaves a gap, long inner edges get a point amid them. Then
+inner points are smoothed.
 """
 
 from __future__ import annotations
@@ -29,6 +30,12 @@ MOST_NODES = 5000
 
 _CLEAR = 0.62
 """Distance of inner points from the rim, as a share of the edge length."""
+
+_LONG = 1.6
+"""Edge lengths from which an inner edge gets a point amid it."""
+
+_FILLINGS = 3
+"""How often long inner edges are looked for."""
 
 _DIVISIONS = 24
 """How often missing sides of the rim are divided."""
@@ -98,6 +105,7 @@ def mesh_outline(outline: NDArray[np.float64], edge: float, layers: int = 2) -> 
     triangles = _triangles(points, rim)
     if triangles is None:
         raise OutlineError("the outline is too narrow somewhere to be meshed")
+    points, triangles = _without_gaps(points, triangles, rim, edge)
     points, triangles = _smoothed(points, triangles, len(rim))
     _refuse_count(layers * len(points))
     return FlatMesh(points + middle, triangles, len(rim))
@@ -194,6 +202,35 @@ def _triangles(points: NDArray[np.float64], rim: NDArray[np.float64]) -> NDArray
     whole = len(np.unique(found)) == len(points)
     flat = _double_areas(points, found).min(initial=1.0) <= 0.0
     return found if fits and whole and not flat else None
+
+
+def _without_gaps(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    rim: NDArray[np.float64],
+    edge: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Points and more of them amid inner edges that are too long, clear of the rim as all are."""
+    for _ in range(_FILLINGS):
+        _, first, count = np.unique(
+            edge_keys(sides(triangles)), return_index=True, return_counts=True
+        )
+        ends = points[sides(triangles)[first[count == 2]]]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        longest = np.argsort(-length, kind="stable")
+        amid = ends[longest[length[longest] > _LONG * edge]].mean(axis=1)
+        amid = amid[distance_from(amid, rim) > _CLEAR * edge]
+        filled = points
+        for point in amid:
+            if np.linalg.norm(filled - point, axis=1).min() > _CLEAR * edge:
+                filled = np.concatenate([filled, point[None]])
+        if len(filled) == len(points):
+            break
+        found = _triangles(filled, rim)
+        if found is None:
+            break
+        points, triangles = filled, found
+    return points, triangles
 
 
 def _smoothed(
