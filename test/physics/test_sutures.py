@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.elastic_scenes import MATERIAL, NO_ROWS, VARIANTS, apply, build
+from support.elastic_scenes import MATERIAL, NO_ROWS, VARIANTS, apply, build, settle
 from support.sewn_blocks import sew_edit, tighten_edit, two_blocks
 from support.sheets import WITH_TORSION, strip
 from tissue_sim.elastic import registry
@@ -38,18 +38,6 @@ def sewn(variant: str, length: float = 0.0, gap: float = 0.001) -> tuple[Mesh, M
     model.prescribed_changed(state, NO_ROWS)
     apply(mesh, model, state, sew_edit(mesh, left, right, length))
     return mesh, model, state
-
-
-def settle(model: Model, state: State, most: int = 40) -> None:
-    """Step until nothing moves by more than a nanometre in a hundred steps, or idles."""
-    for _ in range(most):
-        before = state.displacement.copy()
-        for _ in range(100):
-            model.step(state)
-            if model.idle:
-                return
-        if np.abs(state.displacement - before).max() < 1e-9:
-            return
 
 
 def edges(mesh: Mesh, state: State) -> NDArray[np.float64]:

@@ -100,6 +100,18 @@ def steps(model: Model, state: State, count: int) -> None:
         model.step(state)
 
 
+def settle(model: Model, state: State, most: int = 40) -> None:
+    """Step until nothing moves by more than a nanometre in a hundred steps, or idles."""
+    for _ in range(most):
+        before = state.displacement.copy()
+        for _ in range(100):
+            model.step(state)
+            if model.idle:
+                return
+        if np.abs(state.displacement - before).max() < 1e-9:
+            return
+
+
 def split_edit(mesh: Mesh, x: float, above: float = -np.inf) -> TopologyEdit:
     """Split a grid along its plane of nodes at x, for nodes higher than `above`."""
     rows, alive = mesh.node_rows, mesh.element_alive[: mesh.element_rows]

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+from support.simulation_process import eventually
 
 END_SECONDS = 30.0
+PLAY_SECONDS = 200.0
+"""Longest wait for a procedure's end [s]; only a failing test waits so long."""
+
+_BLOCK = Path(__file__).resolve().parents[2] / "config" / "block.yaml"
 
 
 class Processes:
@@ -18,6 +26,11 @@ class Processes:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    @property
+    def folder(self) -> Path:
+        """The processes' working directory."""
+        return self._folder
 
     def start(self, name: str, module: str, *arguments: str) -> None:
         """Start a module as a program; a restarted one goes on writing the same log."""
@@ -68,3 +81,28 @@ def processes(folder: Path) -> Iterator[Processes]:
         yield made
     finally:
         made.close()
+
+
+def play_on_block(world: Processes, procedure: str, nodes: int) -> dict[str, Any]:
+    """Play a procedure's text with a simulation, a cut service and a script; the script's report.
+
+    All three go on running. The organ is the block of `config/block.yaml`, with so many nodes
+    along each edge.
+    """
+    (world.folder / "procedure.yaml").write_text(procedure)
+    report = world.folder / "report.json"
+    world.start(
+        "simulation", "tissue_sim.simulation_node", "--ros-args", "--params-file", str(_BLOCK),
+        *(word for axis in "xyz" for word in ("-p", f"shape.nodes_{axis}:={nodes}")),
+        "-p", "steps_per_frame:=2", "-p", "wait_for:=['tissue/journal:2','tissue/edits:1']",
+        "-p", f"wait_timeout:={PLAY_SECONDS}",
+    )  # fmt: skip
+    world.start("cut", "cut_service.cut_node")
+    world.start(
+        "script", "tool_input.script_node", "--ros-args", "-p", "procedure:=procedure.yaml",
+        "-p", "clock:=simulation", "-p", f"report:={report.name}",
+    )  # fmt: skip
+    eventually(report.exists, PLAY_SECONDS)
+    played: dict[str, Any] = json.loads(report.read_text())
+    assert played["exit_code"] == 0, played
+    return played

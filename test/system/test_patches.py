@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tissue_interfaces.srv import AddPatch
 
-from support.processes import processes
-from support.simulation_process import Client, client, eventually
+from support.processes import play_on_block, processes
+from support.simulation_process import Client, client
 from tissue_sim import conversions
 from tissue_sim.journal import epochs_of, replay
 
@@ -44,25 +43,9 @@ def test_a_script_and_a_tool_lay_patches_and_the_session_replays(
     ros_domain: int, repository: Path, tmp_path: Path
 ) -> None:
     assert ros_domain
-    (tmp_path / "procedure.yaml").write_text(PROCEDURE)
-    report = tmp_path / "report.json"
     with processes(tmp_path) as world, client() as heard:
         heard.hear("tissue/topology", "tissue/edits", "tissue/journal")
-        world.start(
-            "simulation", "tissue_sim.simulation_node", "--ros-args",
-            "--params-file", str(repository / "config" / "block.yaml"),
-            *(word for axis in "xyz" for word in ("-p", f"shape.nodes_{axis}:=5")),
-            "-p", "steps_per_frame:=2", "-p", "wait_for:=['tissue/journal:2','tissue/edits:1']",
-            "-p", "wait_timeout:=200.0",
-        )  # fmt: skip
-        world.start("cut", "cut_service.cut_node")
-        world.start(
-            "script", "tool_input.script_node", "--ros-args", "-p", "procedure:=procedure.yaml",
-            "-p", "clock:=simulation", "-p", "report:=report.json",
-        )  # fmt: skip
-        eventually(report.exists, 200.0)
-        played = json.loads(report.read_text())
-        assert played["exit_code"] == 0, played
+        played = play_on_block(world, PROCEDURE, nodes=5)
         _refuse(heard)
         edits = list(heard.heard["tissue/edits"])
         entries = [conversions.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]

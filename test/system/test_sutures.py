@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +12,9 @@ from rclpy.client import Client
 from tissue_interfaces.srv import ApplyEdit, Suture
 
 from support.fake_simulation import FRAME, FakeSimulation, spinning, wait_for
-from support.processes import processes
+from support.processes import play_on_block, processes
 from support.sewn_blocks import SIZE, two_blocks
-from support.simulation_process import client, eventually
+from support.simulation_process import client
 from tissue_sim import conversions
 from tissue_sim.journal import epochs_of, replay
 
@@ -158,25 +157,9 @@ def test_a_script_cuts_and_sews_and_the_session_replays(
     ros_domain: int, repository: Path, tmp_path: Path
 ) -> None:
     assert ros_domain
-    (tmp_path / "procedure.yaml").write_text(PROCEDURE)
-    report = tmp_path / "report.json"
     with processes(tmp_path) as world, client() as heard:
         heard.hear("tissue/topology", "tissue/edits", "tissue/journal")
-        world.start(
-            "simulation", "tissue_sim.simulation_node", "--ros-args",
-            "--params-file", str(repository / "config" / "block.yaml"),
-            *(word for axis in "xyz" for word in ("-p", f"shape.nodes_{axis}:=7")),
-            "-p", "steps_per_frame:=2", "-p", "wait_for:=['tissue/journal:2','tissue/edits:1']",
-            "-p", "wait_timeout:=200.0",
-        )  # fmt: skip
-        world.start("cut", "cut_service.cut_node")
-        world.start(
-            "script", "tool_input.script_node", "--ros-args", "-p", "procedure:=procedure.yaml",
-            "-p", "clock:=simulation", "-p", "report:=report.json",
-        )  # fmt: skip
-        eventually(report.exists, 200.0)
-        played = json.loads(report.read_text())
-        assert played["exit_code"] == 0, played
+        played = play_on_block(world, PROCEDURE, nodes=7)
         sewn, tight = (r for r in played["requests"] if r["action"] in ("suture", "tighten"))
         assert len(sewn["sutures"]) == 9
         assert tight["sutures"] == sewn["sutures"]

@@ -13,10 +13,10 @@ from tissue_interfaces.msg import Hole as HoleMsg
 from tissue_interfaces.msg import Holes
 from tissue_interfaces.srv import Closure
 
-from cut_service.errors import CutCode, CutError
+from cut_service.errors import CutError
+from cut_service.followed import Followed
 from cut_service.hole_book import ClosureCode, ClosureError, HoleBook, Looked, look_at
 from cut_service.internal_errors import internal_error
-from cut_service.suture_server import Followed
 from tissue_sim import conversions, qos
 from tissue_sim.frames import UnknownFrameError
 from tissue_sim.hole_messages import hole_to_msg
@@ -27,11 +27,6 @@ PERIOD = 1.0
 
 SHARE = 0.1
 """Most of the node's time that this takes: what is asked for comes first."""
-
-_CODES = {
-    CutCode.NO_TISSUE: ClosureCode.NO_TISSUE,
-    CutCode.STATE_FRAME_GONE: ClosureCode.STATE_FRAME_GONE,
-}
 
 
 class ClosureServer:
@@ -72,7 +67,7 @@ class ClosureServer:
         except ClosureError as error:
             code, text = error.code, str(error)
         except CutError as error:
-            code, text = _CODES.get(error.code, ClosureCode.INVALID), str(error)
+            code, text = error.code_in(ClosureCode, ClosureCode.INVALID), str(error)
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
             code = ClosureCode.INVALID
@@ -83,10 +78,7 @@ class ClosureServer:
         return response
 
     def _carry_out(self, request: Closure.Request, shape: Shape) -> list[Looked]:
-        replica = self._followed.replica
-        mesh, epoch = replica.mesh, replica.epoch
-        if mesh is None:
-            raise ClosureError(ClosureCode.NO_TISSUE, "no topology has been received yet")
+        mesh, epoch = self._followed.mesh(), self._followed.replica.epoch
         numbers = conversions.array_of(request.positions, np.float64)
         if numbers.size:
             positions = self._in_organ(numbers, request.header.frame_id)

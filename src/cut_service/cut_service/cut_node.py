@@ -17,6 +17,7 @@ from tissue_interfaces.srv import ApplyEdit, Cut
 from cut_service.closure_server import ClosureServer
 from cut_service.cut_parameters import SPECS, CutParameters
 from cut_service.errors import CutCode, CutError
+from cut_service.followed import Followed
 from cut_service.hole_book import HoleBook
 from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
@@ -25,7 +26,7 @@ from cut_service.outcome import Outcome
 from cut_service.patch_server import PatchServer
 from cut_service.planner import SHEET_METHOD, Plan, Report, Settings, plan
 from cut_service.strokes import Pick, Strip, Strokes
-from cut_service.suture_server import Followed, SutureServer
+from cut_service.suture_server import SutureServer
 from cut_service.sweep import Sweep
 from cut_service.tissue_watch import TissueWatch
 from cut_service.waiting import Until
@@ -33,6 +34,7 @@ from cut_service.warm_up import warm_up
 from cut_service.watch_parameters import WATCH_SPECS
 from tissue_sim import conversions, node_main, qos
 from tissue_sim.frames import Frames, UnknownFrameError, frame_specs
+from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.replica import Replica, Shape
 
@@ -41,10 +43,6 @@ WAKE_PERIOD = 0.05
 
 SILENT_AFTER = 2.0
 """Without a state for this long the simulation counts as silent [s]."""
-
-PAUSE_WHEN_BUSY = 0.25
-"""Wait before a busy simulation is asked again [s]."""
-
 
 TRIES = 3
 """How often an edit is sent while the simulation does not answer."""
@@ -83,7 +81,7 @@ class CutNode(Node):
             callback_group=group,
         )  # fmt: skip
         self.create_service(Cut, "tissue/cut", self._on_cut, callback_group=group)
-        followed = Followed(
+        self._followed = followed = Followed(
             self._replica, lambda: self._frames, self._shape_at, self._ask, self._newer_than
         )
         book = HoleBook()
@@ -180,16 +178,20 @@ class CutNode(Node):
         self, request_id: str, sweep: messages.Sweep, method: str, author: str
     ) -> Outcome:
         """The outcome of a request; a repeat gets that of the first, done or not."""
+        patience = self._settings.attempts * (
+            self._settings.answer_timeout + 2 * self._settings.tissue_timeout
+        )
         request_id = request_id or uuid.uuid4().hex
-        entry, is_new = self._ledger.open(request_id)
-        if not is_new:
-            patience = self._settings.attempts * (
-                self._settings.answer_timeout + 2 * self._settings.tissue_timeout
-            )
-            await Until(lambda: entry.answer is not None, patience)
-            return entry.answer or Outcome(
-                CutCode.SIMULATION_LOST, "the first request with this id is still being worked on"
-            )
+        answer = await self._ledger.once(
+            request_id, lambda: self._answered(request_id, sweep, method, author), patience
+        )
+        return answer or Outcome(
+            CutCode.SIMULATION_LOST, "the first request with this id is still being worked on"
+        )
+
+    async def _answered(
+        self, request_id: str, sweep: messages.Sweep, method: str, author: str
+    ) -> Outcome:
         try:
             outcome = await self._cut(request_id, sweep, method, author)
         except CutError as error:
@@ -197,7 +199,7 @@ class CutNode(Node):
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
             outcome = Outcome(CutCode.REFUSED, internal_error(self, "tissue/cut", error))
-        entry.answer = self._last = outcome
+        self._last = outcome
         self._counts["failed" if outcome.code else "applied"] += 1
         by = f" by {author}" if author else ""
         self.get_logger().info(f"cut{by}: {outcome.message}")
@@ -225,31 +227,17 @@ class CutNode(Node):
         author: str,
         request_id: str,
     ) -> Outcome:
-        """Plan, ask the simulation, and plan again on the newest shape when the tissue changed."""
-        for attempt in range(1, self._settings.attempts + 1):
-            shape = shape or await self._shape_at(0)
-            self._refuse_other_epoch(epoch)
-            planned = self._plan(shape, pick, method, author, _edit_id(request_id, attempt))
-            answer = await self._ask(planned, epoch)
-            if answer.success:
-                return Outcome(
-                    CutCode.NONE, _in_words(planned), answer.version, planned, answer.apply_ms
-                )
-            if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
-                raise CutError(
-                    CutCode.REFUSED, f"the simulation refused the edit: {answer.message}"
-                )
+        def replanned() -> None:
             self._counts["replanned"] += 1
-            version = planned.edit.base_version
-            if answer.error_code == ApplyEdit.Response.BUSY:
-                await Until(lambda: False, PAUSE_WHEN_BUSY)
-            else:
-                await self._newer_than(version, epoch)
-            shape = None
-        raise CutError(
-            CutCode.STALE,
-            f"the tissue changed under {self._settings.attempts} plans; nothing was cut "
-            f"({answer.message})",
+
+        made = await self._followed.make(
+            lambda mesh, on: self._plan(mesh, on, pick, method), shape, epoch,
+            author or self.get_name(), request_id, attempts=self._settings.attempts,
+            on_stale=replanned,
+        )  # fmt: skip
+        answer = made.answer
+        return Outcome(
+            CutCode.NONE, _in_words(made.plan), answer.version, made.plan, answer.apply_ms
         )
 
     async def _newer_than(self, version: int, epoch: bytes) -> None:
@@ -286,27 +274,24 @@ class CutNode(Node):
             raise CutError(CutCode.UNKNOWN_FRAME, str(error)) from None
         return Sweep(np.ascontiguousarray(vertices), sweep.triangles)
 
-    def _plan(self, shape: Shape, pick: Pick, method: str, author: str, request_id: str) -> Plan:
-        mesh = self._replica.mesh
-        if mesh is None:
-            raise CutError(CutCode.NO_TISSUE, "no topology of the tissue has been received yet")
+    def _plan(self, mesh: Mesh, shape: Shape, pick: Pick, method: str) -> Plan:
         default = self._settings.method if mesh.sheet_rows is None else SHEET_METHOD
         sweep, settings = pick(mesh, shape)
         return plan(
             mesh, shape.positions, sweep, method or default, settings=settings,
-            held=self._watch.held_nodes(), base_frame=shape.frame,
-            author=author or self.get_name(), request_id=request_id,
+            held=self._watch.held_nodes(),
         )  # fmt: skip
 
-    async def _ask(self, planned: Plan, epoch: bytes) -> ApplyEdit.Response:
+    async def _ask(self, planned: TopologyEdit, epoch: bytes) -> ApplyEdit.Response:
         """The simulation's answer to an edit."""
         patience = self._settings.answer_timeout
         if not await Until(self._apply.service_is_ready, self._settings.tissue_timeout):
             raise CutError(
-                CutCode.SIMULATION_LOST, f"nobody serves {self._apply.srv_name}; nothing was cut"
+                CutCode.SIMULATION_LOST,
+                f"nobody serves {self._apply.srv_name}; nothing was changed",
             )
         stamp = self.get_clock().now().to_msg()
-        edit = conversions.edit_to_msg(planned.edit, epoch, self._frames.organ, stamp)
+        edit = conversions.edit_to_msg(planned, epoch, self._frames.organ, stamp)
         futures: list[Future] = []
         # A request can be lost with a simulation that was killed. The edit's request id makes it
         # safe to send it again: a repeat is answered, not applied.
@@ -319,17 +304,10 @@ class CutNode(Node):
             self._apply.remove_pending_request(future)
         if answered:
             return answered[0].result()
-        self._refuse_other_epoch(epoch)
+        self._followed.refuse_other_epoch(epoch)
         raise CutError(
             CutCode.SIMULATION_LOST, f"the simulation did not answer within {patience:g} s"
         )
-
-    def _refuse_other_epoch(self, epoch: bytes) -> None:
-        if self._replica.epoch != epoch:
-            raise CutError(
-                CutCode.SIMULATION_LOST,
-                "the simulation restarted while the cut was planned; nothing was cut",
-            )
 
     # Reporting
 
@@ -378,11 +356,6 @@ class CutNode(Node):
         array = DiagnosticArray(status=[watch, closure, status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-
-
-def _edit_id(request_id: str, attempt: int) -> str:
-    """A request id for every plan: the simulation answers a repeated id with its first answer."""
-    return request_id if attempt == 1 else f"{request_id}~{attempt}"
 
 
 def _in_words(planned: Plan) -> str:

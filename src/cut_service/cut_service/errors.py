@@ -1,8 +1,23 @@
-"""Why a cut cannot be made."""
+"""Why a request cannot be met."""
 
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Generic, TypeVar
+
+Code = TypeVar("Code", bound=IntEnum)
+
+
+class RequestError(ValueError, Generic[Code]):
+    """A request that cannot be met; nothing was changed.
+
+    Attributes:
+        code: Which kind of failure, for programs.
+    """
+
+    def __init__(self, code: Code, message: str) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class CutCode(IntEnum):
@@ -26,16 +41,17 @@ class CutCode(IntEnum):
         return self in (CutCode.MISSED, CutCode.HELD)
 
 
-class CutError(ValueError):
-    """A cut that cannot be made; nothing was changed.
+class CutError(RequestError[CutCode]):
+    """A cut that cannot be made, or what any request for an edit can fail for."""
 
-    Attributes:
-        code: Which kind of failure, for programs.
-    """
+    def code_in(self, codes: type[Code], otherwise: Code) -> Code:
+        """The code of the same name among those of another service.
 
-    def __init__(self, code: CutCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+        Args:
+            codes: Codes of that service.
+            otherwise: The one to use if it has none of this name.
+        """
+        return codes.__members__.get(self.code.name, otherwise)
 
 
 class SweepError(CutError):

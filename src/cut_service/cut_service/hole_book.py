@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from cut_service.errors import RequestError
 from tissue_sim.geometry.closure import Closure, LoopError
 from tissue_sim.geometry.holes import Hole, HoleLostError, NothingThereError, name_hole
 from tissue_sim.geometry.mesh import Mesh
@@ -29,16 +30,8 @@ class ClosureCode(IntEnum):
     HOLE_LOST = 7
 
 
-class ClosureError(ValueError):
-    """A request that cannot be met; nothing was changed.
-
-    Attributes:
-        code: Which kind of failure, for programs.
-    """
-
-    def __init__(self, code: ClosureCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+class ClosureError(RequestError[ClosureCode]):
+    """A request that cannot be met; nothing was changed."""
 
 
 @dataclass(frozen=True)

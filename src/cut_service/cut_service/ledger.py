@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from cut_service.waiting import Until
 
 Answer = TypeVar("Answer")
 
@@ -40,3 +43,23 @@ class Ledger(Generic[Answer]):
         for key in answered[: max(0, len(self._entries) - self._capacity)]:
             del self._entries[key]
         return entry, True
+
+    async def once(
+        self, request_id: str, work: Callable[[], Awaitable[Answer]], patience: float
+    ) -> Answer | None:
+        """The answer to a request, whose work is done only for the first with this id.
+
+        Args:
+            request_id: Of the request.
+            work: Finds the answer, whatever goes wrong.
+            patience: How long a repeat waits for the first one's answer [s].
+
+        Returns:
+            The answer; None: the first is still being worked on.
+        """
+        entry, is_new = self.open(request_id)
+        if is_new:
+            entry.answer = await work()
+        else:
+            await Until(lambda: entry.answer is not None, patience)
+        return entry.answer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import Pose
@@ -14,28 +14,20 @@ from rclpy.node import Node
 from tissue_interfaces.msg import Tool, ToolList
 from tissue_interfaces.srv import AddPatch, ApplyEdit
 
-from cut_service.errors import CutCode, CutError
+from cut_service.errors import CutError
+from cut_service.followed import PATIENCE, Followed
 from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
 from cut_service.patching import PatchCode, PatchError, PatchPlan, Wanted, plan_patch
-from cut_service.suture_server import ATTEMPTS, PATIENCE, PAUSE_WHEN_BUSY, Followed
 from cut_service.waiting import Until
 from tissue_sim import conversions, qos
 from tissue_sim.frames import UnknownFrameError
 from tissue_sim.geometry.edit import TopologyEdit
-from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
 from tissue_sim.interaction.tools import PATCH, ToolSpec, outline
 
 TOOLS_COME = 2.0
 """Longest wait for the list of tools when a request names one [s]."""
-
-_CODES = {
-    CutCode.NO_TISSUE: PatchCode.NO_TISSUE,
-    CutCode.STATE_FRAME_GONE: PatchCode.STATE_FRAME_GONE,
-    CutCode.SIMULATION_LOST: PatchCode.SIMULATION_LOST,
-    CutCode.STALE: PatchCode.STALE,
-}
 
 
 @dataclass(frozen=True)
@@ -116,23 +108,24 @@ class PatchServer:
         self, request_id: str, work: Callable[[str], Awaitable[Outcome]]
     ) -> Outcome:
         """The outcome of a request; a repeat gets that of the first, done or not."""
-        entry, is_new = self._ledger.open(request_id)
-        if not is_new:
-            await Until(lambda: entry.answer is not None, PATIENCE)
-            return entry.answer or Outcome(
-                PatchCode.SIMULATION_LOST, "the first request with this id is not answered yet"
-            )
+        answer = await self._ledger.once(
+            request_id, lambda: self._outcome(work(request_id)), PATIENCE
+        )
+        return answer or Outcome(
+            PatchCode.SIMULATION_LOST, "the first request with this id is not answered yet"
+        )
+
+    async def _outcome(self, work: Awaitable[Outcome]) -> Outcome:
         try:
-            outcome = await work(request_id)
+            outcome = await work
         except PatchError as error:
             outcome = Outcome(error.code, str(error))
         except CutError as error:
-            outcome = Outcome(_CODES.get(error.code, PatchCode.REFUSED), str(error))
+            outcome = Outcome(error.code_in(PatchCode, PatchCode.REFUSED), str(error))
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
             message = internal_error(self._node, "tissue/add_patch", error)
             outcome = Outcome(PatchCode.REFUSED, message)
-        entry.answer = outcome
         self._node.get_logger().info(f"patch: {outcome.message}")
         return outcome
 
@@ -142,35 +135,15 @@ class PatchServer:
         return await self._add(wanted, request.state_frame, request.author, request.request_id)
 
     async def _add(self, wanted: Wanted, frame: int, author: str, request_id: str) -> Outcome:
-        """Plan, ask the simulation, and plan again when the tissue changed."""
         named = await self._followed.shape_at(frame)
         epoch = self._followed.replica.epoch
-        shape, message = named if frame else None, ""
-        for attempt in range(1, ATTEMPTS + 1):
-            shape = shape or await self._followed.shape_at(0)
-            planned = plan_patch(self._mesh(), shape.positions, wanted)
-            edit = replace(
-                planned.edit, base_frame=shape.frame, author=author,
-                request_id=f"{request_id}{f'~{attempt}' if attempt > 1 else ''}",
-            )  # fmt: skip
-            if self._followed.replica.epoch != epoch:
-                raise PatchError(
-                    PatchCode.SIMULATION_LOST, "the simulation restarted; no patch was added"
-                )
-            answer = await self._followed.ask(replace(planned, edit=edit), epoch)
-            if answer.success:
-                # Whoever has the answer may name at once what was made.
-                await self._followed.newer_than(answer.version - 1, epoch)
-                return self._done(planned, wanted.tool, answer)
-            message = answer.message
-            if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
-                raise PatchError(PatchCode.REFUSED, f"the simulation refused: {message}")
-            if answer.error_code == ApplyEdit.Response.BUSY:
-                await Until(lambda: False, PAUSE_WHEN_BUSY)
-            else:
-                await self._followed.newer_than(edit.base_version, epoch)
-            shape = None
-        raise PatchError(PatchCode.STALE, f"the tissue changed under {ATTEMPTS} plans ({message})")
+        made = await self._followed.make(
+            lambda mesh, shape: plan_patch(mesh, shape.positions, wanted),
+            named if frame else None, epoch, author, request_id,
+        )  # fmt: skip
+        # Whoever has the answer may name at once what was made.
+        await self._followed.newer_than(made.answer.version - 1, epoch)
+        return self._done(made.plan, wanted.tool, made.answer)
 
     def _wanted(self, request: AddPatch.Request) -> Wanted:
         """What is wanted, in the organ's frame."""
@@ -219,12 +192,6 @@ class PatchServer:
             PatchCode.NONE, words, answer.version, planned, patch.id,
             patch.name, edit.born_nodes.copy(), int(answer.hold_id),
         )  # fmt: skip
-
-    def _mesh(self) -> Mesh:
-        mesh = self._followed.replica.mesh
-        if mesh is None:
-            raise PatchError(PatchCode.NO_TISSUE, "no topology has been received yet")
-        return mesh
 
 
 def _numbers(values: object, width: int, name: str, allowed: str) -> NDArray[np.float64]:

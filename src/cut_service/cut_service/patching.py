@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from cut_service.errors import RequestError
 from cut_service.organ import organ_of
 from cut_service.organ_size import tissue_box
 from cut_service.overlap import overlap_of
@@ -56,16 +57,8 @@ class PatchCode(IntEnum):
     REFUSED = 11
 
 
-class PatchError(ValueError):
-    """A request that cannot be met; nothing was changed.
-
-    Attributes:
-        code: Which kind of failure, for programs.
-    """
-
-    def __init__(self, code: PatchCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+class PatchError(RequestError[PatchCode]):
+    """A request that cannot be met; nothing was changed."""
 
 
 @dataclass(frozen=True)

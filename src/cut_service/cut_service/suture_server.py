@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from tissue_interfaces.srv import ApplyEdit, Suture
+from tissue_interfaces.srv import Suture
 
-from cut_service.errors import CutCode, CutError
+from cut_service.errors import CutError
+from cut_service.followed import PATIENCE, Followed, Made
 from cut_service.hole_book import ClosureError, HoleBook
 from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
@@ -29,30 +29,13 @@ from cut_service.suturing import (
     plan_tightening,
     pulls,
 )
-from cut_service.waiting import Until
 from tissue_sim import conversions
-from tissue_sim.frames import Frames, UnknownFrameError
+from tissue_sim.frames import UnknownFrameError
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.holes import HoleLostError
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sutures import Sutures
-from tissue_sim.replica import Replica, Shape
-
-PAUSE_WHEN_BUSY = 0.25
-"""Wait before a busy simulation is asked again [s]."""
-
-ATTEMPTS = 3
-"""How often a request is planned when the tissue changes meanwhile."""
-
-PATIENCE = 30.0
-"""Longest wait of a repeated request for the first one's answer [s]."""
-
-_CODES = {
-    CutCode.NO_TISSUE: SutureCode.NO_TISSUE,
-    CutCode.STATE_FRAME_GONE: SutureCode.STATE_FRAME_GONE,
-    CutCode.SIMULATION_LOST: SutureCode.SIMULATION_LOST,
-    CutCode.STALE: SutureCode.STALE,
-}
+from tissue_sim.replica import Shape
 
 
 @dataclass(frozen=True)
@@ -71,25 +54,6 @@ class Outcome:
 class _Planned:
     edit: TopologyEdit
     sutures: Sutures
-
-
-@dataclass(frozen=True)
-class Followed:
-    """What the node does for all of its services.
-
-    Attributes:
-        replica: The organ.
-        frames: Frames that are known now.
-        shape_at: The organ's shape at a frame; waits for it.
-        ask: The simulation's answer to a plan that has an `edit`, of an epoch.
-        newer_than: Waits for a version after the one given, of an epoch.
-    """
-
-    replica: Replica
-    frames: Callable[[], Frames]
-    shape_at: Callable[[int], Awaitable[Shape]]
-    ask: Callable[[Any, bytes], Awaitable[ApplyEdit.Response]]
-    newer_than: Callable[[int, bytes], Awaitable[None]]
 
 
 class SutureServer:
@@ -131,23 +95,24 @@ class SutureServer:
 
     async def _once(self, request: Suture.Request) -> Outcome:
         request.request_id = request.request_id or uuid.uuid4().hex
-        entry, is_new = self._ledger.open(request.request_id)
-        if not is_new:
-            await Until(lambda: entry.answer is not None, PATIENCE)
-            return entry.answer or Outcome(
-                SutureCode.SIMULATION_LOST, "the first request with this id is not answered yet"
-            )
+        answer = await self._ledger.once(
+            request.request_id, lambda: self._answered(request), PATIENCE
+        )
+        return answer or Outcome(
+            SutureCode.SIMULATION_LOST, "the first request with this id is not answered yet"
+        )
+
+    async def _answered(self, request: Suture.Request) -> Outcome:
         try:
             outcome = await self._carry_out(request)
         except SutureError as error:
             outcome = Outcome(error.code, str(error))
         except CutError as error:
-            outcome = Outcome(_CODES.get(error.code, SutureCode.REFUSED), str(error))
+            outcome = Outcome(error.code_in(SutureCode, SutureCode.REFUSED), str(error))
         except Exception as error:
             # Whatever went wrong, the client is answered and the service goes on.
             message = internal_error(self._node, "tissue/suture", error)
             outcome = Outcome(SutureCode.REFUSED, message)
-        entry.answer = outcome
         self._node.get_logger().info(f"suture: {outcome.message}")
         return outcome
 
@@ -157,34 +122,13 @@ class SutureServer:
         epoch = self._followed.replica.epoch
         if request.action == Suture.Request.LIST:
             return self._listed(request, wanted)
-        shape, message = wanted if request.state_frame else None, ""
-        for attempt in range(1, ATTEMPTS + 1):
-            shape = shape or await self._followed.shape_at(0)
-            planned = plan(self._mesh(), shape)
-            edit = replace(
-                planned.edit, base_frame=shape.frame, author=request.author,
-                request_id=f"{request.request_id}{f'~{attempt}' if attempt > 1 else ''}",
-            )  # fmt: skip
-            if self._followed.replica.epoch != epoch:
-                raise SutureError(
-                    SutureCode.SIMULATION_LOST, "the simulation restarted; nothing was sewn"
-                )
-            answer = await self._followed.ask(replace(planned, edit=edit), epoch)
-            if answer.success:
-                # Whoever has the answer may name at once what was made.
-                await self._followed.newer_than(answer.version - 1, epoch)
-                return self._done(planned, edit, shape, answer)
-            message = answer.message
-            if answer.error_code not in (ApplyEdit.Response.STALE, ApplyEdit.Response.BUSY):
-                raise SutureError(SutureCode.REFUSED, f"the simulation refused: {message}")
-            if answer.error_code == ApplyEdit.Response.BUSY:
-                await Until(lambda: False, PAUSE_WHEN_BUSY)
-            else:
-                await self._followed.newer_than(edit.base_version, epoch)
-            shape = None
-        raise SutureError(
-            SutureCode.STALE, f"the tissue changed under {ATTEMPTS} plans ({message})"
-        )
+        made = await self._followed.make(
+            plan, wanted if request.state_frame else None, epoch, request.author,
+            request.request_id,
+        )  # fmt: skip
+        # Whoever has the answer may name at once what was made.
+        await self._followed.newer_than(made.answer.version - 1, epoch)
+        return self._done(made)
 
     def _planner(self, request: Suture.Request) -> Callable[[Mesh, Shape], _Planned]:
         """What to plan, checked as far as that goes without the tissue."""
@@ -247,35 +191,28 @@ class SutureServer:
         except UnknownFrameError as error:
             raise SutureError(SutureCode.UNKNOWN_FRAME, str(error)) from None
 
-    def _done(
-        self, planned: _Planned, edit: TopologyEdit, shape: Shape, answer: ApplyEdit.Response
-    ) -> Outcome:
-        sutures, group = planned.sutures, 0
+    def _done(self, made: Made[_Planned]) -> Outcome:
+        edit, answer = made.edit, made.answer
+        sutures, group = made.plan.sutures, 0
         if len(edit.added_sutures):
             ids = conversions.array_of(answer.applied.added_sutures, np.uint32)
             groups = conversions.array_of(answer.applied.suture_groups, np.uint32)
             sutures = replace(sutures, ids=ids.copy(), groups=groups.copy())
             group = int(groups[0]) if len(groups) > 1 and (groups == groups[0]).all() else 0
-        forces = pulls(sutures, shape.positions)
+        forces = pulls(sutures, made.shape.positions)
         text = f"{edit.kind}: {len(sutures)} stitches, {forces.sum():.3g} N at this shape"
         return Outcome(
             SutureCode.NONE, text, answer.version, sutures, tuple(forces.tolist()), group
         )
 
     def _listed(self, request: Suture.Request, shape: Shape) -> Outcome:
-        mesh = self._mesh()
+        mesh = self._followed.mesh()
         ids = conversions.array_of(request.sutures, np.uint32)
         group = int(request.group)
         found = chosen(mesh.sutures, ids, group) if len(ids) or group else mesh.sutures
         forces = pulls(found, shape.positions)
         text = f"{len(found)} stitches pull with {forces.sum():.3g} N"
         return Outcome(SutureCode.NONE, text, mesh.version, found, tuple(forces.tolist()), group)
-
-    def _mesh(self) -> Mesh:
-        mesh = self._followed.replica.mesh
-        if mesh is None:
-            raise SutureError(SutureCode.NO_TISSUE, "no topology has been received yet")
-        return mesh
 
 
 def _planned(mesh: Mesh, edit: TopologyEdit) -> _Planned:

@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from cut_service.errors import RequestError
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS, Sutures, is_surface_node, why_not
@@ -43,16 +44,8 @@ class SutureCode(IntEnum):
     NO_RIM = 12
 
 
-class SutureError(ValueError):
-    """A request that cannot be met; nothing was changed.
-
-    Attributes:
-        code: Which kind of failure, for programs.
-    """
-
-    def __init__(self, code: SutureCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+class SutureError(RequestError[SutureCode]):
+    """A request that cannot be met; nothing was changed."""
 
 
 @dataclass(frozen=True)

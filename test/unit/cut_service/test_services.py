@@ -12,9 +12,10 @@ from tissue_interfaces.srv import AddPatch, Closure, Suture
 
 from cut_service.closure_server import ClosureServer
 from cut_service.errors import CutCode, CutError
+from cut_service.followed import Followed
 from cut_service.hole_book import HoleBook
 from cut_service.patch_server import PatchServer
-from cut_service.suture_server import Followed, SutureServer
+from cut_service.suture_server import SutureServer
 from tissue_sim.frames import Frames
 from tissue_sim.interaction.tools import PATCH
 from tissue_sim.replica import Replica

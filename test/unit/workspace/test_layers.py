@@ -17,6 +17,7 @@ ROS_SIDE = (
     "*/conversions.py",
     "*/qos.py",
     "cut_service/closure_server.py",
+    "cut_service/followed.py",
     "cut_service/internal_errors.py",
     "cut_service/patch_server.py",
     "cut_service/proposals.py",

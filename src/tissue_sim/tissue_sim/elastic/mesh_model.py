@@ -88,7 +88,7 @@ class MeshModel(ABC):
         self, state: State, before: NDArray[np.floating], after: NDArray[np.floating]
     ) -> None:
         """Free nodes will probably move by after - before; see `Model`."""
-        raise NotImplementedError(f"model {self.name} takes no guess")
+        raise ValueError(f"model {self.name} takes no guess")
 
     def refusal(self, nodes: NDArray[np.int32]) -> str:
         """Why an edit is not possible; see `Model`. A model that follows all of them says so."""
