@@ -86,7 +86,7 @@ def split_sheet(given: Work) -> Plan:
     walls = Walls(np.empty((0, 3), dtype=np.int32), 0)
     through = work.of_kind(CONNECTING)
     if len(through):
-        walls = build_walls(lips, moved, _across(work, lips))
+        walls = build_walls(lips, moved, _across(work, lips), _parts(work)[1])
     edit = _edit(
         work, parting, snapping, springs, (kept, lost_walls), _with_area(work, parting, snapping,
         walls.triangles), through, keys,
@@ -317,20 +317,29 @@ def _with_area(work: SheetWork, parting: Parting, snapping: SheetSnapping, trian
     return triangles[_is_area(rest[triangles])]
 
 
-def _parts(work: SheetWork, parting: Parting, springs: SpringCut) -> tuple[int, Rows]:
-    """Parts of the tissue after the cut."""
+def _parts(
+    work: SheetWork, parting: Parting | None = None, springs: SpringCut | None = None
+) -> tuple[int, Rows]:
+    """Number of parts of the tissue and the part of each node, after the cut or, without, before.
+
+    Walls count as nothing: they carry nothing.
+    """
     mesh = work.mesh
     solid = work.of_kind(0)
-    triangles = _split_triangles(work, parting, solid)
-    used = mesh.element_rows
+    used, nodes = mesh.element_rows, mesh.node_rows
     is_spring = mesh.element_alive[:used] & (mesh.tets[:used, 2] < 0)
-    is_spring[springs.removed] = False
     ends = mesh.tets[:used, :2].copy()
-    for row, pair in springs.rewritten.items():
-        ends[row] = pair
-    new = np.array([pair for pair, _ in springs.added], dtype=np.int32).reshape(-1, 2)
+    triangles = mesh.tets[solid, :3]
+    new = np.empty((0, 2), dtype=np.int32)
+    if parting is not None:
+        triangles = _split_triangles(work, parting, solid)
+        nodes += len(parting.parents)
+    if springs is not None:
+        is_spring[springs.removed] = False
+        for row, pair in springs.rewritten.items():
+            ends[row] = pair
+        new = np.array([pair for pair, _ in springs.added], dtype=np.int32).reshape(-1, 2)
     items = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], ends[is_spring], new])
-    nodes = mesh.node_rows + len(parting.parents)
     return connected_components(items, np.ones(len(items), dtype=np.bool_), nodes)
 
 

@@ -49,14 +49,33 @@ class Walls:
     open_lines: int
 
 
-def build_walls(lips: Lips, places: Reals, across: dict[int, set[int]]) -> Walls:
+def build_walls(lips: Lips, places: Reals, across: dict[int, set[int]], parts: Rows) -> Walls:
     """Fill what lies between the lips of a cut through a wall.
 
     Args:
         lips: The edges that come apart.
         places: Positions of the nodes before the cut, snapped [m], shape (node_rows, 3).
         across: For each end of a line the nodes across the tissue from it.
+        parts: The part of the tissue that each node is in before the cut: a wall joins no two,
+            such as an organ and a patch that lies in it, shape (node_rows,).
     """
+    part_of = parts[lips.edges[:, 0]]
+    built = [
+        _walls_of(_those(lips, part_of == part), places, across) for part in np.unique(part_of)
+    ]
+    triangles = [walls.triangles for walls in built]
+    return Walls(
+        np.concatenate([np.empty((0, 3), dtype=np.int32), *triangles]),
+        sum(walls.open_lines for walls in built),
+    )
+
+
+def _those(lips: Lips, chosen: NDArray[np.bool_]) -> Lips:
+    return Lips(lips.edges[chosen], lips.sides[chosen], lips.above[chosen])
+
+
+def _walls_of(lips: Lips, places: Reals, across: dict[int, set[int]]) -> Walls:
+    """The walls of one part of the tissue."""
     lines = chains(lips.edges)
     loops, left = close(lines, places, across)
     none = np.empty((0, 3), dtype=np.int32)

@@ -25,6 +25,7 @@ from cut_service.patching import (
 )
 from cut_service.planner import plan
 from cut_service.sweep import Sweep
+from cut_service.validity import look_at
 from support.sewn_blocks import two_blocks
 from support.sheets import connected, sheet_mesh, strip
 from support.tet_topology import boundary
@@ -222,6 +223,19 @@ def test_a_surface_gets_one_sheet_and_connected_surfaces_two() -> None:
         assert len(heights) == layers
         assert len(mesh.patches) == 1
         assert patch_area(change.edit) == pytest.approx(4e-4)
+
+
+def test_a_cut_through_a_wall_and_a_patch_in_it_joins_no_two_of_them() -> None:
+    mesh = connected()
+    inside = np.array([[-2, 16.5, 0], [2, 16.5, 0], [2, 19.5, 0], [-2, 19.5, 0]]) * 1e-3
+    wanted = Wanted(inside, thickness=0.001, edge=0.001)
+    mesh.apply(plan_patch(mesh, mesh.rest[: mesh.node_rows].copy(), wanted).edit)
+    square = np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]]) * 0.03
+    across = Sweep.from_arrays(square + np.array([3e-4, 0, 0]), [[0, 1, 2], [0, 2, 3]])
+    mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], across).edit)
+    seen = look_at(mesh)
+    assert seen.faults == ()
+    assert seen.parts == 4
 
 
 def test_overlap_with_tissue_is_told_and_allowed() -> None:
