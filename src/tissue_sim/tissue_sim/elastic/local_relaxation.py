@@ -74,7 +74,7 @@ class LocalRelaxation(SpringModel):
         self._outside = self.relaxation.run(state, self._limits(state))
 
     def _limits(self, state: State) -> NDArray[np.float64]:
-        """Stitches of swept nodes have no limits; others may not get longer than they were then."""
+        """A pass makes no stitch longer than the sweep left it; unswept ones stay as they were."""
         stitches = self.springs.stitches
         if not len(stitches):
             return self._longest
@@ -84,7 +84,7 @@ class LocalRelaxation(SpringModel):
         elastic = place[stitches.threads.ends].any(axis=1)
         now = stitches.lengths(state.displacement)
         self._longest = np.where(elastic, np.maximum(now, stitches.threads.length), self._longest)
-        return np.where(elastic, np.inf, self._longest)
+        return self._longest
 
     def prescribed_changed(self, state: State, held: NDArray[np.int32]) -> None:
         """Order nodes and springs anew from the held nodes."""
