@@ -237,7 +237,10 @@ class ScriptNode(Node):
             "exit_code": self.exit_code,
             "requests": self._requests.log,
         }
-        path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        # Whoever waits for the file must not find half of it.
+        partial = path.with_name(f"{path.name}.part")
+        partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        partial.replace(path)
 
 
 def _differs(tool: ProcedureTool, there: Tool | None) -> bool:
