@@ -77,9 +77,8 @@ def test_a_stopped_viewer_delays_nobody(
     running.append(fake)
     assert fake.wait(60) == 0
     figures = json.loads(report.read_text())
-    # A reliable publisher that waited for a reader would wait for tenths of seconds in every frame;
-    # a machine that others use too makes single frames wait.
-    assert figures["p95_ms"] < 100
+    # A reliable publisher that waited for a reader would wait for tenths of seconds.
+    assert figures["worst_ms"] < 100
     assert figures["median_ms"] < 16
     assert psutil.Process(node.pid).memory_info().rss < 2e9
     assert interrupt(node) == 0

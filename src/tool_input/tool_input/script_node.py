@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 import time
@@ -20,6 +19,7 @@ from tissue_interfaces.msg import Journal, Status, Tool, ToolList
 from tissue_interfaces.srv import SetTool
 
 from tissue_sim import node_main, qos
+from tissue_sim.whole_files import write_json
 from tool_input.motion import Pose
 from tool_input.player import Player
 from tool_input.procedure import Event, Procedure, ProcedureTool, load_procedure
@@ -237,10 +237,7 @@ class ScriptNode(Node):
             "exit_code": self.exit_code,
             "requests": self._requests.log,
         }
-        # Whoever waits for the file must not find half of it.
-        partial = path.with_name(f"{path.name}.part")
-        partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-        partial.replace(path)
+        write_json(path, report)
 
 
 def _differs(tool: ProcedureTool, there: Tool | None) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -18,6 +17,7 @@ from tissue_interfaces.msg import TissueState
 from tissue_sim import qos
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import Spec
+from tissue_sim.whole_files import write_json
 from viz_bridge.cadence import LatencyMeter, cadence
 from viz_bridge.cdr import Decoder
 from viz_bridge.cpu_shares import CpuShares
@@ -83,9 +83,7 @@ class MonitorNode(Node):
 
     def write(self) -> None:
         """Write the file, whole or not at all."""
-        partial = self._path.with_name(self._path.name + ".partial")
-        partial.write_text(json.dumps(self.figures(), indent=1) + "\n", encoding="utf-8")
-        partial.replace(self._path)
+        write_json(self._path, self.figures())
 
     def figures(self) -> dict[str, Any]:
         """What was counted so far."""
