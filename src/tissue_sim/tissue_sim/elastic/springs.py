@@ -124,6 +124,21 @@ class SpringNetwork:
         """Row of the spring at each place of the lists by node."""
         return self._lists.spring
 
+    def set_stiffness(self, stiffness: NDArray[np.float64]) -> None:
+        """Give springs a stiffness that does not follow from the material.
+
+        Modifies the network in place. Springs that an edit touches get the material's again.
+
+        Args:
+            stiffness: Of each row [N/m], shape (rows,).
+        """
+        self.springs.stiffness[: self.rows] = stiffness
+        lists = self._lists
+        for node in range(self.mesh.node_rows):
+            begin = int(lists.start[node])
+            places = slice(begin, begin + int(lists.degree[node]))
+            lists.stiffness[places] = stiffness[lists.spring[places]]
+
     def node_stiffness(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the stiffnesses of the springs at nodes [N/m], shape (len(nodes),)."""
         sums = np.zeros(self.mesh.node_capacity)

@@ -1,0 +1,1 @@
+"""Identification: the parameters with which a model comes closest to a reference."""

@@ -1,0 +1,1 @@
+"""Where interactions come from: made on a mesh, played from a script, read from a recording."""

@@ -1,0 +1,1 @@
+"""The founding thesis' comparison of models on the wall, repeated."""
