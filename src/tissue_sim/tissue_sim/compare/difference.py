@@ -108,7 +108,8 @@ def difference(organ: Organ, target: Trajectory, reference: Trajectory) -> Diffe
             volume[frame] = ours / theirs - 1.0
     node_mean, node_largest = np.full(count, np.nan), np.full(count, np.nan)
     node_mean[rows], node_largest[rows] = total / frames, largest
-    return Difference(*per_frame, node_mean, node_largest, volume)
+    mean, p95, farthest = per_frame
+    return Difference(mean, p95, farthest, node_mean, node_largest, volume)
 
 
 def check_alike(organ: Organ, target: Trajectory, reference: Trajectory) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.organ import Organ
@@ -54,7 +55,8 @@ class Subject:
 
     def material(self, organ: Organ) -> Material:
         """What it takes the organ to be made of."""
-        return replace(organ.material, **_under(MATERIAL, self.values))
+        given: dict[str, Any] = dict(_under(MATERIAL, self.values))
+        return replace(organ.material, **given)
 
     def constants(self) -> SpringConstants | None:
         """The constants of its springs; None: they follow from the material."""

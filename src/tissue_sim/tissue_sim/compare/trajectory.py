@@ -96,7 +96,7 @@ class Trajectory:
                 return cls(
                     str(file["label"]), float(file["rate_hz"]), file["displacement"],
                     file["steps"], file["seconds"], int(file["stable"]), str(file["organ"]),
-                    file["rows"] if "rows" in file else None,
+                    file.get("rows"),
                 )  # fmt: skip
         except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
             raise TrajectoryError(f"{path} is no trajectory: {error}") from error
