@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class ProcedureError(ValueError):
-    """A procedure file that cannot be played; the message names the file and the line."""
+    """A YAML file that makes no sense; the message names the file and the line."""
 
 
 class Item:
@@ -120,12 +120,13 @@ def _number_of(text: str) -> float | str:
         return text
 
 
-def read_located(text: str, source: str) -> Item:
+def read_located(text: str, source: str, name: str = "procedure") -> Item:
     """A YAML text as nested `Item`s.
 
     Args:
         text: The document.
         source: Name of the file, for messages.
+        name: What the document is, for messages.
 
     Raises:
         ProcedureError: The text is no YAML, is empty or names a key twice.
@@ -136,7 +137,7 @@ def read_located(text: str, source: str) -> Item:
             root = loader.get_single_node()
             if root is None:
                 raise ProcedureError(f"{source}: the file is empty")
-            return _item(loader, root, source, "procedure")
+            return _item(loader, root, source, name)
         finally:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
@@ -148,8 +149,8 @@ def read_located(text: str, source: str) -> Item:
         raise ProcedureError(f"{source}: nested too deeply") from None
 
 
-def read_located_file(path: Path) -> Item:
-    """A YAML file as nested `Item`s.
+def read_located_file(path: Path, name: str = "procedure") -> Item:
+    """A YAML file as nested `Item`s; see `read_located`.
 
     Raises:
         ProcedureError: The file cannot be read or is no YAML.
@@ -158,7 +159,7 @@ def read_located_file(path: Path) -> Item:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ProcedureError(f"{path}: cannot be read: {error}") from None
-    return read_located(text, str(path))
+    return read_located(text, str(path), name)
 
 
 def _item(loader: yaml.SafeLoader, node: yaml.Node, source: str, name: str) -> Item:
