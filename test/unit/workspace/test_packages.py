@@ -25,6 +25,8 @@ from support.workspace import (
 # From the name in an import to its rosdep key; None where rosdep knows none and a comment in
 # package.xml says what to install instead.
 ROSDEP_KEYS = {
+    "cma": None,
+    "distributed": None,
     "llvmlite": None,
     "lz4": None,
     "matplotlib": "python3-matplotlib",
@@ -35,6 +37,7 @@ ROSDEP_KEYS = {
     "mcap_ros2": "mcap-ros2-support",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "plotly": None,
     "psutil": "python3-psutil",
     "pybullet": None,
     "pyvista": "python3-pyvista-pip",
