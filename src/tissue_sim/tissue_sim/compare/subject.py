@@ -55,8 +55,7 @@ class Subject:
 
     def material(self, organ: Organ) -> Material:
         """What it takes the organ to be made of."""
-        given: dict[str, Any] = dict(_under(MATERIAL, self.values))
-        return replace(organ.material, **given)
+        return self._made_of(organ.material)
 
     def constants(self) -> SpringConstants | None:
         """The constants of its springs; None: they follow from the material."""
@@ -80,7 +79,12 @@ class Subject:
         constants = self.constants()
         if constants is not None:
             constants.checked()
+        registry.check_material(self._made_of(Material()))
         return self
+
+    def _made_of(self, tissue: Material) -> Material:
+        given: dict[str, Any] = dict(_under(MATERIAL, self.values))
+        return replace(tissue, **given)
 
     def _known(self, parameters: dict[str, float]) -> dict[str, float]:
         names = {parameter.name for parameter in registry.parameters_of(self.model)}
