@@ -23,6 +23,10 @@ from tissue_sim.elastic.springs import SpringNetwork
 EXPLODED = 20.0
 """A displacement of so many sizes of the organ is not believed."""
 
+QUIET = 64
+"""Steps in a row in which nothing moves, after which a model that is not idle counts as at rest:
+finite elements that renew their matrix pause for some forty."""
+
 CARRIED = 1e-9
 """Keeps rounding from stealing a step where steps and frames divide evenly."""
 
@@ -181,14 +185,15 @@ class Player:
                 return made
 
     def _step_to_rest(self, tolerance: float) -> int:
-        before = np.empty_like(self.state.displacement)
+        before, quiet = np.empty_like(self.state.displacement), 0
         for made in range(1, MOST_STEPS + 1):
             np.copyto(before, self.state.displacement)
             self.model.step(self.state)
             if self.model.idle:
                 return made
             moved = float(np.abs(self.state.displacement - before).max())
-            if moved <= tolerance and self.model.time_step is None:
+            quiet = quiet + 1 if moved <= tolerance and self.model.time_step is None else 0
+            if quiet == QUIET:
                 return made
         return MOST_STEPS
 
