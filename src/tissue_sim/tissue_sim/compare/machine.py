@@ -1,7 +1,7 @@
 """Machines whose speed fixes how many steps a model makes in a frame.
 
-The thesis ran every model for as long as a frame of 1/30 s lasted on a desktop of 2003 (THESIS.md,
-section 7). Its frame rates, taken as steps per 1/30 s with fractions carried over, are that machine.
+The thesis ran every model for as long as a frame of 1/30 s lasts on a desktop of 2003 (THESIS.md,
+section 7). Its frame rates, as steps per 1/30 s with fractions carried over, are that machine.
 """
 
 from __future__ import annotations
