@@ -207,3 +207,50 @@ def test_a_model_that_takes_over_a_deformed_organ_brings_it_to_rest() -> None:
     second, _ = build("quasi_static", mesh, first.springs, state, levels=2)  # type: ignore[attr-defined]
     steps(second, state, 3000)
     assert np.abs(state.displacement).max() < 1e-6
+
+
+def test_a_step_for_the_force_is_the_thesis_sweep() -> None:
+    """x_i <- x_i + alpha F_i, node by node, with the newest neighbours: written out in numpy."""
+    mesh = block_mesh(4)
+    springs, state = double(mesh)
+    alpha = 0.1 / float(springs.node_stiffness(np.arange(mesh.node_rows, dtype=np.int32)).max())
+    model, _ = build(
+        "quasi_static", mesh, springs, state, levels=WHOLE_ORGAN, keep_until_rest=0,
+        force_step=alpha,
+    )  # fmt: skip
+    assert isinstance(model, QuasiStatic)
+    held = hold(model, state, top_ball(mesh, 0.016), mesh)
+    state.displacement[held] = PULL
+    expected = state.displacement.copy()
+    order = model.active.ordering.nodes[: model.active.end]
+    for _ in range(2):
+        for node in order[~state.prescribed[order]]:
+            expected[node] += alpha * plain_forces(springs, expected)[node]
+    steps(model, state, 2)
+    assert np.abs(expected[~state.prescribed]).max() > 1e-5
+    np.testing.assert_allclose(state.displacement, expected, atol=1e-15)
+
+
+def test_only_the_product_of_step_and_stiffness_matters() -> None:
+    mesh, shapes = block_mesh(5), []
+    for factor in (1.0, 4.0):
+        springs, state = double(mesh)
+        springs.set_stiffness(factor * springs.springs.stiffness[: springs.rows])
+        model, _ = build(
+            "quasi_static", mesh, springs, state, force_step=2e-4 / factor, keep_until_rest=0
+        )  # fmt: skip
+        held = hold(model, state, top_ball(mesh), mesh)
+        state.displacement[held] = PULL
+        steps(model, state, 10)
+        shapes.append(state.displacement.copy())
+    np.testing.assert_allclose(shapes[1], shapes[0], atol=1e-15)
+
+
+@pytest.mark.parametrize("model", ["quasi_static", "lr"])
+def test_a_step_for_the_force_goes_with_the_plain_sweep_only(model: str) -> None:
+    with pytest.raises(ValueError, match="allowed with it: keep_until_rest = 0"):
+        build(model, block_mesh(4), force_step=1e-3)
+    for other in ("momentum", "chebyshev"):
+        if model == "quasi_static":
+            with pytest.raises(ValueError, match=f"allowed with it: {other} = 0"):
+                build(model, block_mesh(4), force_step=1e-3, keep_until_rest=0, **{other: 0.5})

@@ -80,6 +80,23 @@ def test_added_mass_keeps_a_long_step_stable() -> None:
     assert model.residual(state) < 1.0
 
 
+def test_a_step_too_long_is_taken_where_somebody_wants_to_see_it_explode() -> None:
+    mesh, farthest = block_mesh(5), []
+    longest = SpringMass(mesh, MATERIAL, {"damping": 0.0}).longest_time_step()
+    for factor in (1.0, 3.0):
+        model, state = build(
+            "spring_mass", mesh, time_step=factor * longest, damping=0.0, mass_scaling=2
+        )
+        assert isinstance(model, SpringMass)
+        assert model.added_mass() < 1e-6 * model.springs.masses.sum()
+        held = hold(model, state, top_ball(mesh), mesh)
+        state.displacement[held] = [0, 0, 0.001]
+        steps(model, state, 60)
+        farthest.append(np.abs(state.displacement).max())
+    assert farthest[0] < 0.01
+    assert not farthest[1] < 1.0
+
+
 def test_a_released_node_starts_without_velocity() -> None:
     mesh = block_mesh(5)
     model, state = build("spring_mass", mesh)

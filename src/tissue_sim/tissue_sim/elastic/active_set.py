@@ -55,6 +55,7 @@ class ActiveSet:
         momentum: float = 0.0,
         alone: bool = True,
         acceleration: Acceleration | None = None,
+        force_step: float = 0.0,
     ) -> None:
         """Start with nothing active.
 
@@ -68,10 +69,12 @@ class ActiveSet:
             alone: Whether nothing else moves the nodes outside the region. Then all that is
                 displaced when the first holds are told (by the model before this one) lingers too.
             acceleration: What accelerates the sweeps over the region.
+            force_step: What nodes of the region move besides, for their force [m/N]; those that
+                linger do not.
         """
         self.springs = springs
         self.levels, self.keep_until_rest, self.alone = levels, keep_until_rest, alone
-        self._tolerance = rest_tolerance**2
+        self._tolerance, self._force_step = rest_tolerance**2, force_step
         self.ordering = NodeOrdering(springs)
         self.lingering = Lingering(springs, momentum, joins=not alone)
         self.end = 0
@@ -180,7 +183,9 @@ class ActiveSet:
         return largest_sewn_force(self.springs, which, state)
 
     def _sweep_part(self, state: State, step: np.floating, begin: int, end: int) -> float:
-        return sweep(self.springs, self.ordering.nodes, begin, end, state, step)
+        return sweep(
+            self.springs, self.ordering.nodes, begin, end, state, step, self._force_step
+        )  # fmt: skip
 
     def _sweep_region(self, state: State, step: np.floating, share: float) -> float:
         """One sweep over the region, before which every node repeats a share of its last move."""

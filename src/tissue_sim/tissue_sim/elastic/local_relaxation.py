@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.active_set import ActiveSet
 from tissue_sim.elastic.model import Material, Parameter, State
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
-from tissue_sim.elastic.quasi_static import KEEP_UNTIL_REST, RELEASE_MOMENTUM, REST_TOLERANCE, STEP
+from tissue_sim.elastic.quasi_static import (
+    FORCE_STEP,
+    KEEP_UNTIL_REST,
+    RELEASE_MOMENTUM,
+    REST_TOLERANCE,
+    STEP,
+    steps_of,
+)
 from tissue_sim.elastic.relaxation import FULL_EXCESS, PASSES, RelaxationPass, linear_factor
 from tissue_sim.elastic.spring_model import SpringModel
 from tissue_sim.elastic.springs import SpringNetwork
@@ -30,6 +37,7 @@ class LocalRelaxation(SpringModel):
     name: ClassVar[str] = "lr"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         STEP,
+        FORCE_STEP,
         Parameter(
             "levels", 4, 1, WHOLE_ORGAN, "",
             f"breadth-first levels around the held nodes that are elastic; {WHOLE_ORGAN}: all",
@@ -52,13 +60,15 @@ class LocalRelaxation(SpringModel):
         springs: SpringNetwork | None = None,
     ) -> None:
         super().__init__(mesh, material, parameters, springs)
+        step, force_step = steps_of(self.values, self.springs)
         self.active = ActiveSet(
             self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
             bool(self.values["keep_until_rest"]), self.values["release_momentum"], alone=False,
+            force_step=force_step,
         )  # fmt: skip
         self.relaxation = RelaxationPass(self.springs, self.values)
         self._sweeps = int(self.values["sweeps"])
-        self._step = self.scalar(self.values["step"])
+        self._step = self.scalar(step)
         self._outside = 0
         self._longest = self.springs.stitches.threads.length
 

@@ -26,11 +26,17 @@ with momentum steps beyond 1 do not settle there.
 
 
 def sweep(
-    springs: SpringNetwork, nodes: Nodes, begin: int, end: int, state: State, step: np.floating
+    springs: SpringNetwork,
+    nodes: Nodes,
+    begin: int,
+    end: int,
+    state: State,
+    step: np.floating,
+    force_step: float = 0.0,
 ) -> float:
     """One Gauss-Seidel sweep over nodes[begin:end]; see `kernels.springs.sweep_nodes`.
 
-    Modifies the state in place.
+    Modifies the state in place. Torsion springs know no `force_step`.
 
     Returns:
         Largest squared distance a node moved [m^2].
@@ -43,8 +49,8 @@ def sweep(
     with springs.stitches.set_aside(state):
         return float(
             plain.sweep_nodes(
-                nodes, begin, end, springs.arrays, state.prescribed, step, springs.tiny,
-                state.displacement,
+                nodes, begin, end, springs.arrays, state.prescribed, step,
+                springs.dtype(force_step), springs.tiny, state.displacement,
             )
         )  # fmt: skip
 

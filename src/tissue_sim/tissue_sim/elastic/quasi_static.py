@@ -19,6 +19,11 @@ from tissue_sim.geometry.mesh import Mesh
 STEP = Parameter(
     "step", 1.9, 0.01, 1.99, "", "share of the stable step that a node takes against its force"
 )
+FORCE_STEP = Parameter(
+    "force_step", 0.0, 0.0, 1e6, "m/N",
+    "instead of step, as in the thesis: how far a node moves against its force, stable or not; 0: "
+    "not used",
+)  # fmt: skip
 REST_TOLERANCE = Parameter(
     "rest_tolerance", 1e-8, 1e-12, 1e-3, "m", "largest move in a sweep that counts as rest"
 )
@@ -34,6 +39,29 @@ RELEASE_MOMENTUM = Parameter(
 )  # fmt: skip
 
 
+def steps_of(values: dict[str, float], springs: SpringNetwork) -> tuple[float, float]:
+    """Share of the stable step, and step for a force [m/N]; one of them is zero.
+
+    Raises:
+        ValueError: `force_step` does not go with other values, or with torsion springs.
+    """
+    force_step = values["force_step"]
+    if force_step == 0.0:
+        return values["step"], 0.0
+    for name in ("keep_until_rest", "momentum", "chebyshev"):
+        if values.get(name):
+            raise ValueError(
+                f"force_step = {force_step:g} m/N is the plain sweep of the thesis and does not go "
+                f"with {name} = {values[name]:g}; allowed with it: {name} = 0"
+            )
+    if springs.torsion is not None:
+        raise ValueError(
+            f"force_step = {force_step:g} m/N does not go with torsion springs; allowed: "
+            "force_step = 0, or stiffness.torsion = 0"
+        )
+    return 0.0, force_step
+
+
 class QuasiStatic(SpringModel):
     """Gauss-Seidel sweeps u_i += alpha F_i / sum_j k_ij, breadth-first from the held nodes.
 
@@ -44,6 +72,7 @@ class QuasiStatic(SpringModel):
     name: ClassVar[str] = "quasi_static"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         STEP,
+        FORCE_STEP,
         Parameter(
             "levels", 30, 1, WHOLE_ORGAN, "",
             f"breadth-first levels around the held nodes that move; {WHOLE_ORGAN}: all",
@@ -77,12 +106,13 @@ class QuasiStatic(SpringModel):
                 f"threshold = {self.values['threshold']:g} m ends sweeps early; allowed with "
                 "momentum or chebyshev: 0"
             )
+        step, force_step = steps_of(self.values, self.springs)
         self.active = ActiveSet(
             self.springs, int(self.values["levels"]), self.values["rest_tolerance"],
             bool(self.values["keep_until_rest"]), self.values["release_momentum"],
-            acceleration=acceleration_of(self.springs, momentum, chebyshev),
+            acceleration=acceleration_of(self.springs, momentum, chebyshev), force_step=force_step,
         )  # fmt: skip
-        self._step = self.scalar(self.values["step"])
+        self._step = self.scalar(step)
         self._threshold = self.values["threshold"]
 
     @property

@@ -28,6 +28,9 @@ from tissue_sim.kernels.springs import largest_force
 FRAME = 1.0 / 60.0
 """The time step chosen by default divides this [s]."""
 
+AS_THEY_ARE = 2
+"""Value of `mass_scaling` with which masses stay as they are, also under a time step too long."""
+
 SAFETY = 0.8
 """Share of the largest stable time step that is used."""
 
@@ -54,9 +57,9 @@ class SpringMass(SpringModel):
         ),
         Parameter("damping", 0.02, 0.0, 0.9, "", "share of the velocity lost in a step"),
         Parameter(
-            "mass_scaling", 0, 0, 1, "",
+            "mass_scaling", 0, 0, 2, "",
             "1: nodes too light for the time step get as much mass as stability needs; "
-            "0: such a time step is refused",
+            "0: such a time step is refused; 2: it is taken, stable or not",
             integer=True,
         ),
         INTEGRATOR,
@@ -158,9 +161,10 @@ class SpringMass(SpringModel):
     def _weigh(self, nodes: NDArray[np.int32]) -> None:
         """h^2/m of nodes, with the mass that stability needs where theirs is less."""
         stiffness, masses = self._stiffness[nodes], self.springs.masses[nodes]
-        enough = (self._step_time / SAFETY) ** 2 * 2.0 * stiffness
-        enough /= self._limit
-        masses = np.maximum(masses, enough)
+        if self.values["mass_scaling"] != AS_THEY_ARE:
+            enough = (self._step_time / SAFETY) ** 2 * 2.0 * stiffness
+            enough /= self._limit
+            masses = np.maximum(masses, enough)
         used = stiffness > 0
         self._scale[nodes] = np.divide(
             self._step_time**2, masses, out=np.zeros(len(nodes)), where=used

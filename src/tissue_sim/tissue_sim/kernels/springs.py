@@ -121,16 +121,17 @@ def sweep_nodes(
     springs: SpringArrays,
     prescribed: NDArray[np.bool_],
     step: np.floating,
+    force_step: np.floating,
     tiny: np.floating,
     u: NDArray[np.floating],
 ) -> np.floating:
-    """One Gauss-Seidel sweep u_i += step F_i / sum_j k_ij over nodes[begin:end].
+    """One Gauss-Seidel sweep u_i += (step / sum_j k_ij + force_step) F_i over nodes[begin:end].
 
     Modifies `u` in place.
 
     The sum of a node's stiffnesses bounds the curvature of the elastic energy in that node's
-    position wherever it is, so that no node's step with 0 < step < 2 can raise the energy: the
-    sweep is stable without tuning.
+    position wherever it is, so that no node's step with 0 < step < 2 can raise the energy: without
+    a `force_step` [m/N], which nothing bounds, the sweep is stable without tuning.
 
     Returns:
         Largest squared distance a node moved [m^2].
@@ -144,7 +145,7 @@ def sweep_nodes(
         if prescribed[i] or degree[i] == 0:
             continue
         F0, F1, F2, K, _ = _pull(i, springs, u, tiny)
-        scale = step / K
+        scale = step / K + force_step
         F0, F1, F2 = F0 * scale, F1 * scale, F2 * scale
         squared = F0 * F0 + F1 * F1 + F2 * F2
         # Below 1e-15 m nothing moves: the front of a disturbance would fill with denormal numbers,
