@@ -164,7 +164,7 @@ def test_a_mistake_on_the_command_line_names_the_option(
 
 
 def test_what_is_missing_is_named_with_its_option() -> None:
-    with pytest.raises(ValueError, match="a fit needs interactions: give --interaction$"):
+    with pytest.raises(ValueError, match=r"a fit needs interactions: give --interaction$"):
         read_settings(None, {})
 
 
