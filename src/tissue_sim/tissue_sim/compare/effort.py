@@ -60,6 +60,20 @@ class Effort:
         return "to rest" if self.to_rest is not None else "as its time step asks"
 
     @property
+    def text(self) -> str:
+        """The effort as `parse` reads it; "rest" forgets how still that is."""
+        if self.steps is not None:
+            return shortest(self.steps)
+        if self.seconds is not None:
+            return f"{shortest(1e3 * self.seconds)}ms"
+        return "rest" if self.to_rest is not None else "time"
+
+    @property
     def reproducible(self) -> bool:
         """Whether another run makes the same steps."""
         return self.seconds is None
+
+
+def shortest(value: float) -> str:
+    """The shortest text that is read as the same number."""
+    return repr(float(value)).removesuffix(".0")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from tissue_sim.compare.effort import Effort
+from tissue_sim.compare.effort import Effort, shortest
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.spring_constants import SpringConstants
 from tissue_sim.elastic import registry
@@ -39,6 +39,13 @@ class Subject:
     def name(self) -> str:
         """Name for people."""
         return self.label or self.model
+
+    @property
+    def text(self) -> str:
+        """The subject as `parse_subject` reads it, its numbers to the last bit."""
+        label = f"{self.label}=" if self.label else ""
+        values = ",".join(f"{name}={shortest(value)}" for name, value in self.values.items())
+        return f"{label}{self.model}{':' if values else ''}{values}@{self.effort.text}"
 
     @property
     def parameters(self) -> dict[str, float]:
