@@ -16,7 +16,7 @@ BAR = 58
 
 
 def draw_grid(arrays: dict[str, NDArray], picture: str) -> None:
-    """Draw the arrays of `model_pictures.panels`."""
+    """Draw the arrays of `model_pictures.panels`, or of `compare.report.pictures`."""
     import pyvista
 
     rows, columns, width, height = (int(number) for number in arrays["grid"])
@@ -42,13 +42,15 @@ def draw_grid(arrays: dict[str, NDArray], picture: str) -> None:
         }
         mapper = _add_panel(plotter, part, limits, height)
         number += 1
+    title = str(arrays.get("colors_are", "displacement [mm]"))
+    labels = int(arrays.get("labels", round(limits[1] / 2) + 1))
     plotter.subplot(rows, 0)
     plotter.add_scalar_bar(
-        title="", mapper=mapper, n_labels=round(limits[1] / 2) + 1, fmt="%.0f", color=INK,
+        title="", mapper=mapper, n_labels=labels, fmt="%.3g", color=INK,
         width=0.55, height=0.7, position_x=0.35, position_y=0.15,
         label_font_size=14,
     )  # fmt: skip
-    plotter.add_text("displacement [mm]", position=(24, 20), font_size=11, color=INK)
+    plotter.add_text(title, position=(24, 20), font_size=11, color=INK)
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     plotter.screenshot(picture)
     plotter.close()

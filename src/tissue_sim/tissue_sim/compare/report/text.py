@@ -11,7 +11,7 @@ from rich.table import Table
 from tissue_sim.compare.comparison import Comparison, Target
 
 _HEADINGS = (
-    ("mean\nmm", 6), ("of the\nworst", 6), ("p95\nmm", 6), ("largest\nmm", 7),
+    ("mean\nmm", 6), ("of\nworst", 6), ("p95\nmm", 6), ("largest\nmm", 7),
     ("volume\nerror", 7), ("ms a\nframe", 6), ("steps a\nframe", 7),
 )  # fmt: skip
 """Headings with the width they get at least: 80 columns leave 20 for the names."""
@@ -76,8 +76,9 @@ def reference_words(comparison: Comparison) -> str:
 
 def notes(comparison: Comparison) -> list[str]:
     """What the table does not say: the worst, and who was lost."""
+    worst = figure(1e3 * comparison.worst.mean)
     lines = [
-        f"the worst is tissue that does not follow at all: {figure(1e3 * comparison.worst.mean)} mm",
+        f"the worst is tissue that does not follow at all: {worst} mm",
         *(lost_words(target) for target in comparison.ranking if not target.trajectory.is_stable),
     ]
     timed = [t.subject.name for t in comparison.targets if not t.subject.effort.reproducible]
@@ -124,7 +125,7 @@ def percent(value: float) -> str:
 
 
 def _table(comparison: Comparison) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("target", overflow="fold", vertical="top")
     for heading, least in _HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True, min_width=least)
