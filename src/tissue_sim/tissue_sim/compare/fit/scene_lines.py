@@ -23,9 +23,7 @@ def scene_lines(subject: Subject, rate_hz: float) -> list[str]:
     comments = []
     for name, value in subject.values.items():
         if name.startswith(SPRINGS):
-            comments.append(
-                f"# {name} {shortest(value)}: a scene has none, its springs follow from the material"
-            )
+            comments.append(f"# {name} {shortest(value)}: springs of a scene have the material's")
         elif name.startswith(MATERIAL):
             given[name.removeprefix(MATERIAL)] = float(value)
         else:
