@@ -188,7 +188,7 @@ def _shade_holds(plot: go.Figure, comparison: Comparison) -> None:
 
 def _times(comparison: Comparison) -> NDArray[np.float64]:
     interaction = comparison.interaction
-    times: NDArray[np.float64] = (np.arange(interaction.frames) + 1.0) / interaction.rate_hz
+    times = np.arange(1, interaction.frames + 1, dtype=np.float64) / interaction.rate_hz
     return times
 
 
