@@ -134,10 +134,10 @@ class SpringNetwork:
         """
         self.springs.stiffness[: self.rows] = stiffness
         lists = self._lists
-        for node in range(self.mesh.node_rows):
-            begin = int(lists.start[node])
-            places = slice(begin, begin + int(lists.degree[node]))
-            lists.stiffness[places] = stiffness[lists.spring[places]]
+        degree = lists.degree.astype(np.int64)
+        first = np.cumsum(degree) - degree
+        places = np.arange(degree.sum()) + np.repeat(lists.start - first, degree)
+        lists.stiffness[places] = stiffness[lists.spring[places]]
 
     def node_stiffness(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the stiffnesses of the springs at nodes [N/m], shape (len(nodes),)."""
