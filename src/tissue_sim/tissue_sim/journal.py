@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.frame import Budget, Frame, FrameInputs, JournalEntry
+from tissue_sim.frame import Budget, Frame, JournalEntry
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
@@ -63,6 +63,40 @@ def epochs_of(entries: Iterable[JournalEntry]) -> dict[bytes, list[JournalEntry]
     return {epoch: sorted(of, key=lambda entry: entry.frame) for epoch, of in epochs.items()}
 
 
+class Replayer:
+    """Repeats an epoch entry by entry.
+
+    Attributes:
+        simulation: What repeats it.
+        other_model: Whether another model runs than the journal tells; changes of model are then
+            left out.
+    """
+
+    def __init__(self, simulation: Simulation, other_model: bool = False) -> None:
+        """Go on after the frame that a simulation stands at."""
+        self.simulation, self.other_model = simulation, other_model
+
+    def play(self, entry: JournalEntry, budget: Budget | None = None) -> Frame:
+        """Repeat the next frame.
+
+        Args:
+            entry: Its entry.
+            budget: How much to step; None: as often as the journal tells, and a dynamic model that
+                runs instead of the recorded one as its time step asks.
+
+        Raises:
+            JournalError: The entry is of another epoch, or not of the next frame.
+        """
+        simulation, inputs = self.simulation, entry.inputs
+        _refuse_gap(simulation, entry)
+        left_out = (START, "set_model") if self.other_model else (START,)
+        kept = tuple(command for command in inputs.commands if command.kind not in left_out)
+        if budget is None:
+            own_steps = self.other_model and simulation.model.time_step is not None
+            budget = Budget() if own_steps else Budget(steps=entry.steps)
+        return simulation.advance(replace(inputs, commands=kept), budget)
+
+
 def replay(
     entries: Iterable[JournalEntry],
     mesh: Mesh,
@@ -84,30 +118,38 @@ def replay(
         JournalError: The journal does not begin at the start of an epoch, has a gap, or mixes
             epochs.
     """
-    simulation: Simulation | None = None
+    replayer: Replayer | None = None
     mismatches: list[int] = []
     frame: Frame | None = None
     for entry in entries:
-        inputs = entry.inputs
-        if simulation is None:
-            simulation = _start(entry, mesh, model, parameters or {})
-            inputs = replace(inputs, commands=inputs.commands[1:])
-        _refuse_gap(simulation, entry)
-        if model is not None:
-            inputs = _without_models(inputs)
-        frame = simulation.advance(inputs, _budget(simulation, entry, model is not None))
+        if replayer is None:
+            scene = scene_at_start(entry, mesh, model, parameters or {})
+            replayer = Replayer(Simulation(mesh, scene, entry.epoch), model is not None)
+        frame = replayer.play(entry)
         if model is None and frame.journal.crc32 != entry.crc32:
             mismatches.append(entry.frame)
         if on_frame is not None:
-            on_frame(simulation, frame)
-    if simulation is None or frame is None:
+            on_frame(replayer.simulation, frame)
+    if replayer is None or frame is None:
         raise JournalError("the journal is empty")
+    simulation = replayer.simulation
     return Replay(simulation.frame, tuple(mismatches), frame.positions.copy(), simulation)
 
 
-def _start(
+def scene_at_start(
     entry: JournalEntry, mesh: Mesh, model: str | None, parameters: Mapping[str, float]
-) -> Simulation:
+) -> Scene:
+    """The scene to repeat an epoch in.
+
+    Args:
+        entry: The epoch's first entry.
+        mesh: Its first keyframe.
+        model: Another model to run instead; None: the one it started with.
+        parameters: Parameters of that model.
+
+    Raises:
+        JournalError: The entry is not the first, or the mesh is not what it started with.
+    """
     scene = scene_of(entry)
     if scene.displacement is not None and len(scene.displacement) != mesh.node_rows:
         raise JournalError(
@@ -119,10 +161,10 @@ def _start(
             f"the mesh is at version {mesh.version}, not at 1: the first keyframe of the epoch is "
             "missing"
         )
-    if model is not None:
-        own = {**scene.parameters.get(model, {}), **parameters}
-        scene = replace(scene, model=model, parameters={**scene.parameters, model: own})
-    return Simulation(mesh, scene, entry.epoch)
+    if model is None:
+        return scene
+    own = {**scene.parameters.get(model, {}), **parameters}
+    return replace(scene, model=model, parameters={**scene.parameters, model: own})
 
 
 def _refuse_gap(simulation: Simulation, entry: JournalEntry) -> None:
@@ -135,15 +177,3 @@ def _refuse_gap(simulation: Simulation, entry: JournalEntry) -> None:
         raise JournalError(
             f"the journal has a gap: frame {entry.frame} follows frame {simulation.frame}"
         )
-
-
-def _without_models(inputs: FrameInputs) -> FrameInputs:
-    kept = tuple(command for command in inputs.commands if command.kind != "set_model")
-    return replace(inputs, commands=kept)
-
-
-def _budget(simulation: Simulation, entry: JournalEntry, other_model: bool) -> Budget:
-    """The recorded number of steps; a dynamic model run instead makes its own."""
-    if other_model and simulation.model.time_step is not None:
-        return Budget()
-    return Budget(steps=entry.steps)
