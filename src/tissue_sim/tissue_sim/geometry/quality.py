@@ -14,6 +14,42 @@ def signed_volumes(points: NDArray[np.float64], tets: NDArray[np.integer]) -> ND
 
 
 @njit(cache=True, nogil=True)
+def total_volume(
+    rest: NDArray[np.float64],
+    displacement: NDArray[np.floating],
+    tets: NDArray[np.int32],
+    alive: NDArray[np.bool_],
+) -> float:
+    """Sum of the signed volumes of displaced tetrahedra [m^3]; quick enough for every frame.
+
+    Args:
+        rest: Rest positions of nodes [m], shape (n, 3).
+        displacement: Displacements from there [m], shape (n, 3).
+        tets: Nodes of the tetrahedra, shape (element_count, 4).
+        alive: Which of them count, shape (element_count,).
+    """
+    total = 0.0
+    edge = np.empty((3, 3))
+    for element in range(len(tets)):
+        if not alive[element]:
+            continue
+        first = tets[element, 0]
+        for corner in range(3):
+            node = tets[element, corner + 1]
+            for axis in range(3):
+                edge[corner, axis] = (rest[node, axis] - rest[first, axis]) + (
+                    displacement[node, axis] - displacement[first, axis]
+                )
+        u, v, w = edge[0], edge[1], edge[2]
+        total += (
+            u[0] * (v[1] * w[2] - v[2] * w[1])
+            + u[1] * (v[2] * w[0] - v[0] * w[2])
+            + u[2] * (v[0] * w[1] - v[1] * w[0])
+        )
+    return total / 6.0
+
+
+@njit(cache=True, nogil=True)
 def count_flat(
     points: NDArray[np.float64],
     place_of: NDArray[np.int32],
