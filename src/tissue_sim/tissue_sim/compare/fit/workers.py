@@ -7,13 +7,12 @@ the time.
 from __future__ import annotations
 
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from tissue_sim.compare.fit.problem import Evaluation, Problem
+from tissue_sim.compare.fit.problem import Evaluation, Problem
 
 
 class WorkersError(ValueError):
@@ -39,6 +38,7 @@ class Workers(Protocol):
 
     def close(self) -> None:
         """Give back everything that was started for it; may be called again."""
+        return
 
     def __enter__(self) -> Self:
         return self
