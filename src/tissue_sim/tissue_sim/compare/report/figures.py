@@ -29,16 +29,18 @@ def over_time(comparison: Comparison) -> go.Figure:
     times = _times(comparison)
     plot = _plot("time [s]", "difference [mm]")
     _shade_holds(plot, comparison)
-    for number, target in enumerate(comparison.ranking):
-        style, apart = _style(number), target.difference
+    for target in comparison.ranking:
+        style, apart = _style(comparison, target), target.difference
         mean, p95 = 1e3 * apart.frame_mean, 1e3 * apart.frame_p95
-        together: dict[str, Any] = {"legendgroup": str(number), "hoverinfo": "skip"}
         plot.add_scatter(
             x=np.concatenate([times, times[::-1]]), y=np.concatenate([mean, p95[::-1]]),
-            fill="toself", fillcolor=style["color"], opacity=0.10, mode="none",
-            showlegend=False, **together,
+            fill="toself", fillcolor=style["color"], opacity=0.08, mode="lines",
+            line={"color": style["color"], "width": 0.5}, showlegend=False,
+            legendgroup=target.subject.name, hoverinfo="skip",
         )  # fmt: skip
-        plot.add_scatter(x=times, y=mean, line=style, name=_name(target), legendgroup=str(number))
+        plot.add_scatter(
+            x=times, y=mean, line=style, name=_name(target), legendgroup=target.subject.name
+        )
     worst = 1e3 * comparison.worst.frame_mean
     plot.add_scatter(
         x=times, y=worst, name="nothing follows", line={"color": "#8a939e", "dash": "dashdot"}
@@ -53,7 +55,7 @@ def relative_bars(comparison: Comparison) -> go.Figure:
     values = [target.relative for target in ranking]
     plot.add_bar(
         x=values, y=[_name(target) for target in ranking], orientation="h",
-        marker_color=[_style(len(ranking) - 1 - at)["color"] for at in range(len(ranking))],
+        marker_color=[_style(comparison, target)["color"] for target in ranking],
         text=[f"{value:.3f}" for value in values], textposition="outside", cliponaxis=False,
         showlegend=False,
     )  # fmt: skip
@@ -69,22 +71,24 @@ def volume_over_time(comparison: Comparison) -> go.Figure | None:
         return None
     plot = _plot("time [s]", "volume error [%]", height=300)
     _shade_holds(plot, comparison)
-    for number, target in enumerate(comparison.ranking):
+    for target in comparison.ranking:
         errors = 100.0 * target.difference.volume_error
-        plot.add_scatter(x=_times(comparison), y=errors, line=_style(number), name=_name(target))
+        plot.add_scatter(
+            x=_times(comparison), y=errors, line=_style(comparison, target), name=_name(target)
+        )
     return plot
 
 
 def error_against_cost(comparison: Comparison) -> go.Figure:
     """Relative difference of each target over the time of its frames."""
     plot = _plot("median time of a frame [ms]", "relative to the worst", height=300)
-    for number, target in enumerate(comparison.ranking):
+    for target in comparison.ranking:
         plot.add_scatter(
             x=[target.trajectory.ms_per_frame], y=[target.relative], mode="markers",
-            marker={"size": 12, "color": _style(number)["color"]}, name=_name(target),
+            marker={"size": 12, "color": _style(comparison, target)["color"]}, name=_name(target),
             hovertemplate="%{x:.3g} ms: %{y:.3f}",
         )  # fmt: skip
-    plot.update_xaxes(type="log")
+    plot.update_xaxes(type="log", dtick="D2")
     plot.update_yaxes(rangemode="tozero")
     return plot
 
@@ -92,28 +96,28 @@ def error_against_cost(comparison: Comparison) -> go.Figure:
 def steps_over_time(comparison: Comparison) -> go.Figure:
     """Steps of every frame."""
     plot = _plot("time [s]", "steps in a frame", height=300)
-    for number, target in enumerate(comparison.ranking):
+    for target in comparison.ranking:
         steps = target.trajectory.steps
         plot.add_scatter(
             x=_times(comparison), y=steps, name=_name(target),
-            line={**_style(number), "shape": "hv", "width": 1},
+            line={**_style(comparison, target), "shape": "hv", "width": 1},
         )  # fmt: skip
     most = [int(target.trajectory.steps.max(initial=0)) for target in comparison.targets]
     if max(most) > 20 * max(1, min(most)):
-        plot.update_yaxes(type="log")
+        plot.update_yaxes(type="log", dtick="D2")
     return plot
 
 
 def cost_over_time(comparison: Comparison) -> go.Figure:
     """Time that the steps of every frame took on the machine that ran it."""
     plot = _plot("time [s]", "time of a frame [ms]", height=300)
-    for number, target in enumerate(comparison.ranking):
+    for target in comparison.ranking:
         ms = 1e3 * target.trajectory.seconds
         plot.add_scatter(
-            x=_times(comparison), y=np.where(ms > 0.0, ms, np.nan), line=_style(number),
+            x=_times(comparison), y=np.where(ms > 0.0, ms, np.nan), line=_style(comparison, target),
             name=_name(target),
         )  # fmt: skip
-    plot.update_yaxes(type="log")
+    plot.update_yaxes(type="log", dtick="D2")
     return plot
 
 
@@ -152,12 +156,12 @@ def node_map(comparison: Comparison) -> go.Figure:
 
 def summary_bars(comparisons: Sequence[Comparison]) -> go.Figure:
     """Relative difference of each target under each interaction."""
-    rows = summary_rows(comparisons)
+    targets = {target.subject.name: target for target in comparisons[0].targets}
     plot = _plot("", "difference relative to the worst")
-    for number, (name, shares) in enumerate(rows):
+    for name, shares in summary_rows(comparisons):
         plot.add_bar(
             x=[one.interaction.name for one in comparisons], y=shares, name=name,
-            marker_color=_style(number)["color"],
+            marker_color=_style(comparisons[0], targets[name])["color"],
             hovertemplate="%{x}: %{y:.3f}",
         )  # fmt: skip
     plot.update_layout(barmode="group")
@@ -192,7 +196,9 @@ def _times(comparison: Comparison) -> NDArray[np.float64]:
     return times
 
 
-def _style(number: int) -> dict[str, Any]:
+def _style(comparison: Comparison, target: Target) -> dict[str, Any]:
+    """The same line for a target in all plots, whatever its rank."""
+    number = [other.subject.name for other in comparison.targets].index(target.subject.name)
     dash = DASHES[number // len(COLORS) % len(DASHES)]
     return {"color": COLORS[number % len(COLORS)], "dash": dash, "width": 2}
 

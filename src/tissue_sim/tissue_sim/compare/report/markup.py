@@ -23,7 +23,8 @@ caption { text-align: left; color: #4a5562; padding-bottom: .3rem; }
 th, td { padding: .25rem .8rem .25rem 0; text-align: left; vertical-align: top; }
 thead th { border-bottom: 1px solid #1c2530; font-weight: 600; vertical-align: bottom; }
 tbody tr { border-bottom: 1px solid #e4e8ec; }
-th.number, td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.number, td.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { white-space: nowrap; }
 tr.lost td { color: #a3281f; }
 code { font-size: .85em; overflow-wrap: anywhere; }
 figure { margin: .8rem 0 1.6rem; }

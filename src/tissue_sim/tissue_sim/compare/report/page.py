@@ -24,6 +24,12 @@ COLUMNS = (
     "volume error", "ms a frame", "steps a frame",
 )  # fmt: skip
 
+PICTURE = (
+    " and the reference when they are farthest apart (mean over the nodes), and at the end; one "
+    "moment where that is the same. Colour: distance of each node, the same scale in all pictures "
+    "of this interaction; black: held nodes."
+)
+
 Draw = Callable[[Comparison], pictures.Pictures]
 
 
@@ -162,15 +168,8 @@ def _maps(comparison: Comparison, prefix: str, draw: Draw) -> str:
     if drawn.message:
         parts.append(markup.paragraph(drawn.message, "note"))
     for target, png in zip(comparison.ranking, drawn.png, strict=False):
-        ending = "" if target.trajectory.is_stable else f" {lost_words(target)}."
-        parts.append(
-            markup.image(
-                pictures.data_uri(png),
-                f"{target.subject.name} beside the reference when they are farthest apart (mean "
-                "over the nodes), and at the end. Colour: distance of each node, the same in all "
-                f"pictures of this interaction; black: held nodes.{ending}",
-            )
-        )
+        lost = "" if target.trajectory.is_stable else f" {lost_words(target)}."
+        parts.append(markup.image(pictures.data_uri(png), f"{target.subject.name}{PICTURE}{lost}"))
     parts.append(
         markup.plot(
             figures.node_map(comparison),

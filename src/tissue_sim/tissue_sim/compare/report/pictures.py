@@ -61,13 +61,14 @@ def data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def moments(comparison: Comparison, target: Target) -> tuple[int, int]:
+def moments(target: Target) -> list[int]:
     """The frame in which a target is farthest from the reference while it is stable, and its last.
 
     The distance is the mean over the nodes; a target that is lost ends with its last stable frame.
+    One frame if they are the same.
     """
     stable = max(1, target.trajectory.stable)
-    return int(np.argmax(target.difference.frame_mean[:stable])), stable - 1
+    return sorted({int(np.argmax(target.difference.frame_mean[:stable])), stable - 1})
 
 
 def colour_limit(comparison: Comparison) -> float:
@@ -78,7 +79,7 @@ def colour_limit(comparison: Comparison) -> float:
     shown = [
         apart(comparison, target.trajectory, frame)
         for target in comparison.targets
-        for frame in moments(comparison, target)
+        for frame in moments(target)
     ]
     largest = max(float(np.nanmax(one)) for one in shown)
     return rounded_up(1e3 * min(largest, comparison.worst.largest))
@@ -119,7 +120,7 @@ def panels(comparison: Comparison, target: Target, top: float) -> dict[str, NDAr
     part = surface_of(comparison.organ.mesh).outside
     shown = [
         (trajectory, frame)
-        for frame in moments(comparison, target)
+        for frame in moments(target)
         for trajectory in _drawable(comparison, target)
     ]
     arrays: dict[str, NDArray] = {

@@ -69,7 +69,7 @@ def reference_words(comparison: Comparison) -> str:
     """What the reference is, in words."""
     subject, rows = comparison.reference_subject, comparison.reference.rows
     if subject is not None:
-        return f"{subject.name}, {subject.effort}"
+        return f"{subject.name} ({subject.effort})"
     part = "" if rows is None else f", {len(rows):,} nodes of it"
     return f"{comparison.reference.label}{part}"
 
