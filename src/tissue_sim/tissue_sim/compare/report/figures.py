@@ -27,7 +27,7 @@ DIFFERENCE_SCALE = "YlOrRd"
 def over_time(comparison: Comparison) -> go.Figure:
     """Mean difference in every frame, with a band up to the 95th percentile of the nodes."""
     times = _times(comparison)
-    plot = _plot("time [s]", "difference [mm]")
+    plot = blank("time [s]", "difference [mm]")
     _shade_holds(plot, comparison)
     for target in comparison.ranking:
         style, apart = _style(comparison, target), target.difference
@@ -51,7 +51,7 @@ def over_time(comparison: Comparison) -> go.Figure:
 def relative_bars(comparison: Comparison) -> go.Figure:
     """Mean difference of each target over that of tissue that does not follow at all."""
     ranking = comparison.ranking[::-1]
-    plot = _plot("difference relative to the worst", "", height=90 + 34 * len(ranking))
+    plot = blank("difference relative to the worst", "", height=90 + 34 * len(ranking))
     values = [target.relative for target in ranking]
     plot.add_bar(
         x=values, y=[_name(target) for target in ranking], orientation="h",
@@ -69,7 +69,7 @@ def volume_over_time(comparison: Comparison) -> go.Figure | None:
     """Volume of each target over that of the reference; None where there is no volume."""
     if all(np.isnan(target.difference.volume_error).all() for target in comparison.targets):
         return None
-    plot = _plot("time [s]", "volume error [%]", height=300)
+    plot = blank("time [s]", "volume error [%]", height=300)
     _shade_holds(plot, comparison)
     for target in comparison.ranking:
         errors = 100.0 * target.difference.volume_error
@@ -81,7 +81,7 @@ def volume_over_time(comparison: Comparison) -> go.Figure | None:
 
 def error_against_cost(comparison: Comparison) -> go.Figure:
     """Relative difference of each target over the time of its frames."""
-    plot = _plot("median time of a frame [ms]", "relative to the worst", height=300)
+    plot = blank("median time of a frame [ms]", "relative to the worst", height=300)
     for target in comparison.ranking:
         plot.add_scatter(
             x=[target.trajectory.ms_per_frame], y=[target.relative], mode="markers",
@@ -95,7 +95,7 @@ def error_against_cost(comparison: Comparison) -> go.Figure:
 
 def steps_over_time(comparison: Comparison) -> go.Figure:
     """Steps of every frame."""
-    plot = _plot("time [s]", "steps in a frame", height=300)
+    plot = blank("time [s]", "steps in a frame", height=300)
     for target in comparison.ranking:
         steps = target.trajectory.steps
         plot.add_scatter(
@@ -110,7 +110,7 @@ def steps_over_time(comparison: Comparison) -> go.Figure:
 
 def cost_over_time(comparison: Comparison) -> go.Figure:
     """Time that the steps of every frame took on the machine that ran it."""
-    plot = _plot("time [s]", "time of a frame [ms]", height=300)
+    plot = blank("time [s]", "time of a frame [ms]", height=300)
     for target in comparison.ranking:
         ms = 1e3 * target.trajectory.seconds
         plot.add_scatter(
@@ -131,7 +131,7 @@ def node_map(comparison: Comparison) -> go.Figure:
     x, y, z = (1e3 * (organ.rest + reference.displacement[frame])[nodes]).astype(np.float32).T
     maps = [_millimetres(target.difference.node_mean[nodes]) for target in comparison.ranking]
     top = max((value for values in maps for value in values if value is not None), default=1.0)
-    plot = _plot("", "", height=560)
+    plot = blank("", "", height=560)
     plot.add_mesh3d(
         x=x, y=y, z=z, i=i, j=j, k=k, intensity=maps[0], colorscale=DIFFERENCE_SCALE, cmin=0.0,
         cmax=top or 1.0, colorbar={"title": "mean<br>difference<br>[mm]"}, flatshading=False,
@@ -157,7 +157,7 @@ def node_map(comparison: Comparison) -> go.Figure:
 def summary_bars(comparisons: Sequence[Comparison]) -> go.Figure:
     """Relative difference of each target under each interaction."""
     targets = {target.subject.name: target for target in comparisons[0].targets}
-    plot = _plot("", "difference relative to the worst")
+    plot = blank("", "difference relative to the worst")
     for name, shares in summary_rows(comparisons):
         plot.add_bar(
             x=[one.interaction.name for one in comparisons], y=shares, name=name,
@@ -168,7 +168,8 @@ def summary_bars(comparisons: Sequence[Comparison]) -> go.Figure:
     return plot
 
 
-def _plot(x: str, y: str, height: int = 380) -> go.Figure:
+def blank(x: str, y: str, height: int = 380) -> go.Figure:
+    """A plot without data, with titles of its axes."""
     plot = go.Figure()
     plot.update_layout(
         template="plotly_white", height=height, font={"color": INK, "size": 13},
