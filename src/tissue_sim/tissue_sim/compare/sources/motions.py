@@ -26,7 +26,7 @@ EXACT = Subject("finite_element", effort=Effort.parse("rest"))
 SHARE = 0.15
 """Amplitude where nobody says which, as a share of the organ's size ..."""
 
-RADII = 1.5
+RADII = 2.0
 """... but no more than so many radii of the hold: farther, elements beside it would turn over."""
 
 LET_GO = 1.0 / 3.0
@@ -138,7 +138,7 @@ def _oblique(pull: Pull) -> Interaction:
 
 
 def _circular(pull: Pull) -> Interaction:
-    """One and a half turns on a circle through rest, in the tissue's plane: it ends farthest out."""
+    """One and a half turns on a circle through rest in the tissue's plane: it ends farthest out."""
     angle = 3.0 * np.pi * pull.progress[:, None]
     radius = 0.5 * pull.amplitude
     offsets = radius * ((1.0 - np.cos(angle)) * pull.axes.in_plane + np.sin(angle) * pull.axes.side)
@@ -146,21 +146,19 @@ def _circular(pull: Pull) -> Interaction:
 
 
 def _regrab(pull: Pull) -> Interaction:
-    """Pull, let go, grab beside the first place and pull again, with its own turn of the way.
+    """Pull in the plane, let go, grab beside the first place and pull obliquely.
 
     The second grab takes tissue from where the reference has it then.
     """
-    organ, waits = pull.organ, round(LET_GO * pull.hold_frames)
-    first = pull.along("regrab", pull.axes.in_plane)
-    held, offsets = first.held[: pull.pull_frames], first.displacement[: pull.pull_frames]
-    before = Interaction(
-        "regrab", pull.rate_hz, first.nodes, np.append(held, np.zeros((waits, held.shape[1]), bool), 0),
-        np.append(offsets, np.zeros((waits, *offsets.shape[1:])), 0), organ.digest,
-    )  # fmt: skip
+    organ, stretch, waits = pull.organ, pull.pull_frames, round(LET_GO * pull.hold_frames)
+    way = pull.amplitude * pull.progress[:, None]
+    offsets = np.zeros((stretch + waits, 3))
+    offsets[:stretch] = way[:stretch] * pull.axes.in_plane
+    held = np.arange(len(offsets)) < stretch
+    before = held_along(organ, "regrab", pull.rate_hz, organ.hold, offsets, held)
     beside = _beside_the_hold(pull)
     start = simulate(pull.reference, organ, before).displacement[-1, beside].astype(np.float64)
-    way = pull.amplitude * pull.progress[: len(pull.progress) - waits, None]
-    after = start + (way * _diagonal(pull.axes))[:, None, :]
+    after = start + (way[: len(way) - waits] * _diagonal(pull.axes))[:, None, :]
     return _one_after_the_other(before, beside, after)
 
 
