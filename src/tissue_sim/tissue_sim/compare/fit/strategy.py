@@ -7,6 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+LARGEST = 2**31
+"""Largest seed and population."""
+
 
 @runtime_checkable
 class Strategy(Protocol):
@@ -14,11 +17,12 @@ class Strategy(Protocol):
 
     Candidates are points of the unit cube. The same seed and the same errors give the same
     candidates bit for bit, and so does a strategy whose state was restored.
+
+    Attributes:
+        settings: What it was made with, as plain JSON values by name: its kind, its seed, ...
     """
 
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What it was made with, as plain JSON values by name: its kind, its seed, ..."""
+    settings: dict[str, Any]
 
     @property
     def finished(self) -> bool:
@@ -44,3 +48,17 @@ class Strategy(Protocol):
         Raises:
             ValueError: This is no state of such a strategy.
         """
+
+
+def check_settings(**settings: tuple[float, float, float]) -> None:
+    """Refuse settings that are out of range.
+
+    Args:
+        settings: Value, smallest and largest value allowed, by name.
+
+    Raises:
+        ValueError: One is out of range.
+    """
+    for name, (value, low, high) in settings.items():
+        if not low <= value <= high:
+            raise ValueError(f"{name} = {value:g} is out of range; allowed: {low:g} to {high:g}")
