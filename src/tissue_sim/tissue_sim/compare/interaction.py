@@ -7,6 +7,7 @@ takes must not depend on the model that is judged.
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -128,7 +129,7 @@ class Interaction:
                     file["held"].astype(np.bool_), file["displacement"].astype(np.float64),
                     str(file["organ"]),
                 )  # fmt: skip
-        except (zipfile.BadZipFile, EOFError) as error:
+        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
             raise InteractionError(f"{path} is no interaction: {error}") from error
         except ValueError as error:
             if isinstance(error, InteractionError):

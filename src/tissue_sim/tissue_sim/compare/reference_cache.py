@@ -11,7 +11,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import cache
 from pathlib import Path
 
@@ -47,8 +47,9 @@ def cached(
     """How a subject moves, computed now or before.
 
     Times of its steps are those of the run that computed it. A subject whose effort is a time a
-    frame is always computed: another run moves otherwise. A file that cannot be used is computed
-    anew, and one that cannot be written is not kept; both are said.
+    frame is always computed, because another run moves otherwise, and so is an organ with stitches
+    or patches. A file that cannot be used is computed anew, and one that cannot be written is not
+    kept; both are said.
 
     Args:
         subject: The model, its parameters and its effort.
@@ -62,7 +63,8 @@ def cached(
     Raises:
         ValueError: As `simulate`.
     """
-    if not subject.effort.reproducible:
+    sewn = len(organ.mesh.sutures) or len(organ.mesh.patches)
+    if sewn or not subject.effort.reproducible:
         return simulate(subject, organ, interaction, on_frame)
     say = say or _to_standard_error
     folder = folder or user_folder()
@@ -104,7 +106,7 @@ def _parts(organ: Organ) -> Iterator[NDArray[np.generic]]:
         sheet = mesh.sheet
         yield from (sheet.triangles, sheet.thickness, sheet.springs, sheet.categories)
         yield sheet.volumes
-        yield np.array([getattr(sheet.stiffness, name) for name in vars(sheet.stiffness)])
+        yield np.array(astuple(sheet.stiffness))
 
 
 @cache

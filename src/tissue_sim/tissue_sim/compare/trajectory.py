@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,7 +103,7 @@ class Trajectory:
                     file["steps"], file["seconds"], int(file["stable"]), str(file["organ"]),
                     file.get("rows"),
                 )  # fmt: skip
-        except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
+        except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError) as error:
             raise TrajectoryError(f"{path} is no trajectory: {error}") from error
 
 

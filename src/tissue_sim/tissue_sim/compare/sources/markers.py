@@ -12,6 +12,7 @@ The file is a NumPy archive (.npz):
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +63,7 @@ class Markers:
                 return cls(
                     path.stem, float(file["rate_hz"]), file["positions"].astype(np.float64), held
                 ).checked()
-        except (zipfile.BadZipFile, EOFError, TypeError) as error:
+        except (zipfile.BadZipFile, zlib.error, EOFError, TypeError) as error:
             raise InteractionError(f"{path} holds no markers: {error}") from error
 
     def checked(self) -> Markers:
