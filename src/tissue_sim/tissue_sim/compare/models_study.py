@@ -1,0 +1,190 @@
+"""Every model under five interactions at equal cost per frame; see docs/model_errors.md.
+
+python3 -m tissue_sim.compare.models_study --out docs/results/model_errors.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from tissue_sim.bench import machine
+from tissue_sim.compare.models_table import as_markdown
+from tissue_sim.compare.organ import Organ
+from tissue_sim.compare.organs import load_organ
+from tissue_sim.compare.sources.motions import MOTIONS, motion
+from tissue_sim.compare.step_cost import StepCost, step_cost
+from tissue_sim.compare.subject import Subject
+from tissue_sim.compare.trial import Trial
+from tissue_sim.elastic import registry
+from tissue_sim.elastic.ordering import WHOLE_ORGAN
+from tissue_sim.whole_files import write_json
+
+ORGANS = ("wall", "heart")
+BUDGETS_MS = (1.0, 4.0, 16.0)
+"""Time a frame [ms]."""
+
+COST_MOTION = "oblique"
+"""During its pull the cost of a step is measured."""
+
+ALL = {"levels": float(WHOLE_ORGAN)}
+SUBJECTS = (
+    Subject("finite_element"),
+    Subject("finite_element", {"corotated": 1.0}, label="finite_element, corotated"),
+    Subject("vertex_block_descent"),
+    Subject("vertex_block_descent", ALL, label="vertex_block_descent, all levels"),
+    Subject(
+        "vertex_block_descent", {"dynamic": 1.0, "iterations": 1.0, "time_step": 1.0 / 30.0},
+        label="vertex_block_descent, in time",
+    ),
+    Subject("quasi_static"),
+    Subject("quasi_static", ALL, label="quasi_static, all levels"),
+    Subject("quasi_static", ALL | {"momentum": 0.95}, label="quasi_static, momentum"),
+    Subject("lr"),
+    Subject("lr", ALL, label="lr, all levels"),
+    Subject("relaxation"),
+    Subject("spring_mass"),
+    Subject("chain_mail"),
+    Subject("voxel_chain_mail"),
+)  # fmt: skip
+"""All models; parameters that are not named have their defaults."""
+
+Say = Callable[[str], None]
+Result = dict[str, Any]
+
+
+class Study:
+    """The rows so far, in a file that is whole at any time.
+
+    Attributes:
+        result: Machine, cost of the steps and rows, as in the file.
+    """
+
+    def __init__(self, out: Path | None, resume: bool, say: Say = lambda line: None) -> None:
+        """Begin, or go on with what a file holds.
+
+        Args:
+            out: File to write as rows are ready; None writes nothing.
+            resume: Whether to keep what is in it.
+            say: Told what is being done.
+
+        Raises:
+            ValueError: The file was measured on another processor.
+        """
+        self._out, self._say = out, say
+        self.result: Result = {"machine": machine(), "organs": {}, "rows": []}
+        if out is None or not resume or not out.is_file():
+            return
+        there = json.loads(out.read_text(encoding="utf-8"))
+        ours, theirs = (each["machine"]["processor"] for each in (self.result, there))
+        if ours != theirs:
+            raise ValueError(
+                f"{out} was measured on {theirs}, this is {ours}: equal cost is that of one "
+                "machine; begin anew, without --resume"
+            )
+        self.result = there
+
+    def add(self, name: str, interactions: Sequence[str], budgets_ms: Sequence[float]) -> None:
+        """Play what is missing of interactions with an organ to every model.
+
+        Raises:
+            ValueError: There is no such organ or interaction.
+        """
+        organ = load_organ(name)
+        costs = self._costs(organ)
+        keys = ("organ", "interaction", "label", "budget_ms")
+        done = {tuple(row[key] for key in keys) for row in self.result["rows"]}
+        for interaction in interactions:
+            todo = [
+                (subject, budget)
+                for budget in budgets_ms
+                for subject in SUBJECTS
+                if (organ.name, interaction, subject.name, budget) not in done
+            ]
+            if not todo:
+                continue
+            self._say(f"{organ.name}, {interaction}: references")
+            trial = Trial.of(organ, interaction)
+            for place, (subject, budget) in enumerate(todo, 1):
+                row_of = f"{organ.name}, {interaction}: row {place} of {len(todo)}"
+                self._say(f"{row_of}, {subject.name}, {budget:g} ms")
+                row = trial.judged(subject, costs[subject.name], budget)
+                self.result["rows"].append(asdict(row))
+                self._write()
+
+    def _costs(self, organ: Organ) -> dict[str, StepCost]:
+        """What steps cost on an organ; those are measured that are not known yet."""
+        mesh = organ.mesh
+        about = {"nodes": int(mesh.node_alive.sum()), "elements": int(mesh.element_alive.sum())}
+        known = self.result["organs"].setdefault(organ.name, {**about, "costs": {}})["costs"]
+        pull = motion(COST_MOTION, organ, hold_seconds=1.0 / 30.0)
+        for subject in SUBJECTS:
+            if subject.name not in known:
+                self._say(f"{organ.name}: cost of a step of {subject.name}")
+                known[subject.name] = asdict(step_cost(subject, organ, pull))
+                self._write()
+        return {name: StepCost(**cost) for name, cost in known.items()}
+
+    def _write(self) -> None:
+        if self._out is not None:
+            write_json(self._out, self.result)
+
+
+def run(
+    out: Path | None,
+    organs: Sequence[str] = ORGANS,
+    interactions: Sequence[str] = tuple(MOTIONS),
+    budgets_ms: Sequence[float] = BUDGETS_MS,
+    resume: bool = False,
+    say: Say = lambda line: None,
+) -> Result:
+    """Play every interaction with every organ to every model, with every budget.
+
+    Args:
+        out: File to write as rows are ready; None writes nothing.
+        organs: Names of organs.
+        interactions: Names of motions.
+        budgets_ms: Time a frame [ms].
+        resume: Whether to keep what is in the file.
+        say: Told what is being done.
+
+    Raises:
+        ValueError: A name is unknown, or the file was measured on another processor.
+    """
+    registry.warm_up()
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    study = Study(out, resume, say)
+    for organ in organs:
+        study.add(organ, interactions, budgets_ms)
+    return study.result
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description="errors of every model at equal cost per frame")
+    parser.add_argument("--out", type=Path, help="JSON file; rows are in it as they are ready")
+    parser.add_argument("--organ", choices=ORGANS, action="append", help="default: all")
+    parser.add_argument("--budget", type=float, action="append", help="ms a frame; default: all")
+    parser.add_argument("--quick", action="store_true", help="the wall, pulled obliquely")
+    parser.add_argument("--resume", action="store_true", help="keep the rows that are in the file")
+    chosen = parser.parse_args()
+    organs = ("wall",) if chosen.quick else chosen.organ or ORGANS
+    interactions = (COST_MOTION,) if chosen.quick else tuple(MOTIONS)
+    console = Console(stderr=True)
+    with console.status("compiling") as status:
+        result = run(
+            chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
+            status.update,
+        )  # fmt: skip
+    print(as_markdown(result))
+
+
+if __name__ == "__main__":
+    main()
