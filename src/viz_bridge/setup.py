@@ -42,6 +42,7 @@ setup(
         "console_scripts": [
             "rerun_node = viz_bridge.rerun_node:main",
             "bag_node = viz_bridge.bag_node:main",
+            "difference_node = viz_bridge.difference_node:main",
             "monitor = viz_bridge.monitor:main",
         ],
     },

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from viz_bridge.cdr import Decoder
 from viz_bridge.recording import Recording
 
-LATEST_WINS = frozenset({"tissue/state"})
+LATEST_WINS = frozenset({"tissue/state", "tissue/difference"})
 MOST_WAITING = 20_000
 """Messages that may wait besides the newest state: minutes of journal, a few megabytes."""
 

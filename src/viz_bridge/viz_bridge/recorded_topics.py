@@ -61,6 +61,11 @@ FIXED = (
     RecordedTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", qos.DIAGNOSTICS),
 )
 
+DIFFERENCE = RecordedTopic("tissue/difference", _ours("TissueState"), _STATE)
+"""Drawn, not recorded: it follows from the journal."""
+
+DRAWN = (*FIXED, DIFFERENCE)
+
 _PER_TOOL = {
     "servo_cp": ("geometry_msgs/msg/PoseStamped", _INPUT),
     "use": ("std_msgs/msg/Bool", qos.USE),
