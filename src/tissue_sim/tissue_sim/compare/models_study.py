@@ -109,8 +109,7 @@ class Study:
             ]
             if not todo:
                 continue
-            self._say(f"{organ.name}, {interaction}: references")
-            trial = Trial.of(organ, interaction)
+            trial = Trial.of(organ, interaction, say=self._say)
             for place, (subject, budget) in enumerate(todo, 1):
                 row_of = f"{organ.name}, {interaction}: row {place} of {len(todo)}"
                 self._say(f"{row_of}, {subject.name}, {budget:g} ms")
@@ -170,6 +169,7 @@ def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description="errors of every model at equal cost per frame")
     parser.add_argument("--out", type=Path, help="JSON file; rows are in it as they are ready")
+    parser.add_argument("--picture", type=Path, help="PNG file to draw the errors in")
     parser.add_argument("--organ", choices=ORGANS, action="append", help="default: all")
     parser.add_argument("--budget", type=float, action="append", help="ms a frame; default: all")
     parser.add_argument("--quick", action="store_true", help="the wall, pulled obliquely")
@@ -183,6 +183,10 @@ def main() -> None:
             chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
             status.update,
         )  # fmt: skip
+    if chosen.picture is not None:
+        from viz_bridge.model_error_curves import draw_model_errors
+
+        draw_model_errors(result, chosen.picture)
     print(as_markdown(result))
 
 
