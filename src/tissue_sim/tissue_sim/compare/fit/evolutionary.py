@@ -51,9 +51,9 @@ class Evolutionary:
             ValueError: A number is out of range.
         """
         check_settings(
-            seed=(seed, 0, LARGEST), population=(population, 4, LARGEST), crossover=(crossover, 0, 1),
-            mutation=(mutation, 0, 1), rivals=(rivals, 1, population), width=(width, 1e-6, 1),
-            shrink=(shrink, 0.1, 1),
+            seed=(seed, 0, LARGEST), population=(population, 4, LARGEST),
+            rivals=(rivals, 1, population), crossover=(crossover, 0, 1), mutation=(mutation, 0, 1),
+            width=(width, 1e-6, 1), shrink=(shrink, 0.1, 1),
         )  # fmt: skip
         self.settings: dict[str, Any] = {
             "algorithm": "evolutionary", "seed": seed, "population": population,

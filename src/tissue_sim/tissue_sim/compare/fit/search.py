@@ -72,34 +72,23 @@ def search(
     so_far = Checkpoint.resume(checkpoint, {**problem.identity, "strategy": strategy.settings})
     if so_far.strategy is not None:
         strategy.restore(so_far.strategy)
-    memory = {_key(evaluation.values): evaluation for evaluation in so_far.evaluations}
+    memory = _Memory(problem.space, so_far.evaluations)
     while len(so_far.history) < generations and not strategy.finished:
         candidates = strategy.ask()
-        new = _not_known(problem.space, candidates, memory)
-        played = workers.evaluate(candidates[new]) if new else []
-        memory.update((_key(evaluation.values), evaluation) for evaluation in played)
-        known = [memory[_key(problem.space.decode(candidate))] for candidate in candidates]
-        errors = np.array([evaluation.error for evaluation in known])
-        strategy.tell(candidates, errors)
+        played = memory.evaluate(candidates, workers)
+        known = memory.of(candidates)
+        strategy.tell(candidates, np.array([evaluation.error for evaluation in known]))
         so_far.evaluations += played
-        so_far.history.append(
-            Generation(
-                len(so_far.history) + 1,
-                best_of(so_far.evaluations).error,
-                float(np.median(errors)),
-                len(played),
-                sum(not e.stable for e in known),
-            )  # fmt: skip
-        )
+        so_far.history.append(_generation(so_far, known, len(played)))
         so_far.strategy = strategy.state()
         if checkpoint is not None:
             so_far.save(checkpoint)
         if on_generation is not None:
             on_generation(so_far.history[-1])
+    evaluations = so_far.evaluations
     return FitResult(
-        best_of(so_far.evaluations), tuple(so_far.evaluations), tuple(so_far.history),
-        strategy.finished,
-    )  # fmt: skip
+        best_of(evaluations), tuple(evaluations), tuple(so_far.history), strategy.finished
+    )
 
 
 def best_of(evaluations: list[Evaluation]) -> Evaluation:
@@ -107,15 +96,37 @@ def best_of(evaluations: list[Evaluation]) -> Evaluation:
     return min(evaluations, key=lambda evaluation: (not evaluation.stable, evaluation.error))
 
 
-def _not_known(
-    space: Space, candidates: NDArray[np.float64], memory: dict[tuple[float, ...], Evaluation]
-) -> list[int]:
-    """Which candidates have to be evaluated: of those with equal values the first, if none was."""
-    first: dict[tuple[float, ...], int] = {}
-    for number, candidate in enumerate(candidates):
-        first.setdefault(_key(space.decode(candidate)), number)
-    return [number for key, number in first.items() if key not in memory]
+class _Memory:
+    """Evaluations by their values: whole numbers and parents that live on come up again."""
+
+    def __init__(self, space: Space, evaluations: list[Evaluation]) -> None:
+        self._space = space
+        self._known = {tuple(entry.values.values()): entry for entry in evaluations}
+
+    def evaluate(self, candidates: NDArray[np.float64], workers: Workers) -> list[Evaluation]:
+        """Evaluate what is not known, each values once; what was evaluated."""
+        new: dict[tuple[float, ...], int] = {}
+        for number, candidate in enumerate(candidates):
+            key = self._key(candidate)
+            if key not in self._known:
+                new.setdefault(key, number)
+        played = workers.evaluate(candidates[list(new.values())]) if new else []
+        self._known.update(zip(new, played, strict=True))
+        return played
+
+    def of(self, candidates: NDArray[np.float64]) -> list[Evaluation]:
+        """The evaluations of candidates that are known."""
+        return [self._known[self._key(candidate)] for candidate in candidates]
+
+    def _key(self, candidate: NDArray[np.float64]) -> tuple[float, ...]:
+        return tuple(self._space.decode(candidate).values())
 
 
-def _key(values: dict[str, float]) -> tuple[float, ...]:
-    return tuple(values.values())
+def _generation(so_far: Checkpoint, known: list[Evaluation], played: int) -> Generation:
+    return Generation(
+        number=len(so_far.history) + 1,
+        best=best_of(so_far.evaluations).error,
+        median=float(np.median([evaluation.error for evaluation in known])),
+        played=played,
+        unstable=sum(not evaluation.stable for evaluation in known),
+    )
