@@ -82,8 +82,10 @@ class Item:
             raise self.error(f"must be true or false, not {self.plain()!r}")
         return self.value
 
-    def number(self, minimum: float = -math.inf, above: float = -math.inf) -> float:
-        """The value as a finite number, at least `minimum` and greater than `above`."""
+    def number(
+        self, minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf
+    ) -> float:
+        """The value as a finite number from `minimum` to `maximum`, greater than `above`."""
         value = self.value
         if isinstance(value, str):
             value = _number_of(value)  # YAML 1.1 takes 1e-3, which lacks a point, for a text
@@ -95,7 +97,16 @@ class Item:
             raise self.error(f"must be at least {minimum:g}, not {value:g}")
         if value <= above:
             raise self.error(f"must be greater than {above:g}, not {value:g}")
+        if value > maximum:
+            raise self.error(f"must be at most {maximum:g}, not {value:g}")
         return float(value)
+
+    def whole(self, minimum: int, maximum: int) -> int:
+        """The value as a whole number from `minimum` to `maximum`."""
+        value = self.number()
+        if value != int(value) or not minimum <= value <= maximum:
+            raise self.error(f"must be a whole number from {minimum} to {maximum}, not {value:g}")
+        return int(value)
 
     def vector(self, length: int) -> NDArray[np.float64]:
         """The value as a list of finite numbers, shape (length,)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tissue_sim.compare.fit.settings import KEYS, FitSettings, Grid, read_settings
+from tissue_sim.compare.fit.settings import KEYS, MEASURED, FitSettings, Grid, read_settings
 from tissue_sim.compare.subject import parse_subject
 
 FILE = """\
@@ -82,8 +82,15 @@ def test_what_is_not_said_has_a_default() -> None:
     assert settings == expected
 
 
-def test_a_measured_reference_has_no_model(file: Path) -> None:
-    assert read_settings(file, {"reference": "measured"}).reference is None
+def test_a_reference_is_a_model_or_a_file_or_what_was_measured(file: Path) -> None:
+    assert read_settings(file, {"reference": "lr@1"}).reference == parse_subject("lr@1")
+    assert read_settings(file, {"reference": "markers.npz"}).reference == Path("markers.npz")
+    assert read_settings(file, {"reference": "measured"}).reference == MEASURED
+
+
+def test_a_cluster_on_the_command_line_replaces_the_processes_of_the_file(file: Path) -> None:
+    settings = read_settings(file, {"scheduler": "tcp://localhost:8786"})
+    assert (settings.processes, settings.scheduler) == (None, "tcp://localhost:8786")
 
 
 def test_files_lie_beside_the_settings(tmp_path: Path) -> None:
@@ -109,7 +116,7 @@ def test_a_whole_number_is_marked_as_one(file: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "instead", "says"),
     [
-        ("organ: wall", "organs: wall", "fit.yaml:1: fit: unknown key 'organs'; allowed: generat"),
+        ("organ: wall", "organs: wall", "fit.yaml:1: fit: unknown key 'organs'; allowed: epoch, "),
         ("  step: 0.1..1.9", "  stop: 0.1..1.9", "fit.yaml:6: fit.ranges.stop: model quasi_static "
          "has no value 'stop'; allowed: step, "),
         ("  step: 0.1..1.9", "  step: 0.1..2.5", "fit.yaml:6: fit.ranges.step: bound 2.5 of step: "
@@ -151,6 +158,7 @@ def test_a_mistake_is_told_with_its_place(file: Path, line: str, instead: str, s
         ({"ranges": ["stop=1..2"]}, "command line: --range: model quasi_static has no value"),
         ({"ranges": ["step=1..1.5", "step=1..1.6"]}, "--range: step is there twice"),
         ({"population": 3}, "command line: --population: must be a whole number from 4"),
+        ({"rate_hz": 2000}, "command line: --rate: must be at most 1000, not 2000"),
         ({"pareto": "1,two"}, "command line: --pareto: must be a number, not 'two'"),
         ({"units": "inch"}, "command line: --units: 'inch' is not allowed; allowed: mm, m"),
     ],

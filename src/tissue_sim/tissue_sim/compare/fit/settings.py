@@ -22,13 +22,17 @@ MEASURED = "measured"
 
 STRATEGIES = ("ea", "cma")
 KEYS = (
-    "organ", "units", "interactions", "reference", "target", "ranges", "strategy", "population",
-    "generations", "seed", "processes", "scheduler", "pareto", "tolerance", "landscape", "out",
+    "organ", "units", "interactions", "rate_hz", "namespace", "epoch", "reference", "target",
+    "ranges", "strategy", "population", "generations", "seed", "processes", "scheduler", "pareto",
+    "tolerance", "landscape", "out",
 )  # fmt: skip
 """Keys of the file."""
 
-ONE_BY_ONE = {"ranges": "range", "interactions": "interaction"}
-"""Options of the command that have another name than the key: they are given one by one."""
+OPTIONS = {"ranges": "--range", "interactions": "--interaction", "rate_hz": "--rate"}
+"""Options of the command that have another name than the key."""
+
+ELSEWHERE = {"processes": "scheduler", "scheduler": "processes"}
+"""Of these, what the command line says replaces the other one of the file."""
 
 POINTS = 25
 MOST_POINTS = 200
@@ -55,7 +59,11 @@ class FitSettings:
         organ: Shape, scene or mesh file; empty: that of the recording.
         units: Unit of a mesh file, "mm" or "m"; empty: it needs none.
         interactions: What is done to it: motions, files or recordings.
-        reference: The model to come close to; None: how the tissue was measured to move.
+        rate_hz: Frames per second [1/s]; a recorded interaction that has its own keeps it.
+        namespace: Of a recording: that of the organ; empty: it has one only.
+        epoch: Of a recording: which, counted from 1; None: it has one only.
+        reference: The model to come close to, a file (.npz) of how the tissue moved, or `MEASURED`:
+            the recording says it.
         target: The model whose values are looked for.
         ranges: The values that are looked for.
         strategy: One of `STRATEGIES`.
@@ -73,9 +81,12 @@ class FitSettings:
     organ: str
     units: str
     interactions: tuple[str, ...]
-    reference: Subject | None
+    reference: Subject | Path | str
     target: Subject
     ranges: tuple[FitParameter, ...]
+    rate_hz: float = 30.0
+    namespace: str = ""
+    epoch: int | None = None
     strategy: str = "ea"
     population: int | None = None
     generations: int = 30
@@ -108,17 +119,16 @@ def read_settings(file: Path | None, options: Mapping[str, object]) -> FitSettin
     items: dict[str, Item] = {}
     if file is not None:
         items |= read_located_file(file, "fit").mapping(KEYS)
-        for key in ("organ", "interactions") & items.keys():
+        for key in ("organ", "interactions", "reference") & items.keys():
             items[key] = _beside(file, items[key])
     for key, value in options.items():
         if value is not None and value != []:
             items[key] = _option(key, value)
+            items.pop(ELSEWHERE.get(key, ""), None)
     for key in ("interactions", "reference", "target", "ranges"):
         if key not in items:
-            option = "--" + ONE_BY_ONE.get(key, key)
-            raise ValueError(
-                f"a fit needs {key}: give {option}" + (f", or {key} in {file}" if file else "")
-            )
+            or_in_file = f", or {key} in {file}" if file else ""
+            raise ValueError(f"a fit needs {key}: give {_option_name(key)}{or_in_file}")
     return _settings(items)
 
 
@@ -135,11 +145,14 @@ def _settings(items: Mapping[str, Item]) -> FitSettings:
         reference=_located(items["reference"], _reference),
         target=target,
         ranges=ranges,
+        rate_hz=read("rate_hz", lambda item: item.number(minimum=1.0, maximum=1000.0), 30.0),
+        namespace=read("namespace", Item.text, ""),
+        epoch=read("epoch", lambda item: item.whole(1, 1_000_000), None),
         strategy=read("strategy", lambda item: item.one_of(STRATEGIES), "ea"),
-        population=read("population", lambda item: _whole(item, 4, 10_000), None),
-        generations=read("generations", lambda item: _whole(item, 1, 100_000), 30),
-        seed=read("seed", lambda item: _whole(item, 0, 2**31 - 1), 1),
-        processes=read("processes", lambda item: _whole(item, 1, 4096), None),
+        population=read("population", lambda item: item.whole(4, 10_000), None),
+        generations=read("generations", lambda item: item.whole(1, 100_000), 30),
+        seed=read("seed", lambda item: item.whole(0, 2**31 - 1), 1),
+        processes=read("processes", lambda item: item.whole(1, 4096), None),
         scheduler=read("scheduler", Item.text, None),
         pareto=read("pareto", _steps, ()),
         tolerance=read("tolerance", lambda item: item.number(above=0.0), 0.25),
@@ -150,10 +163,14 @@ def _settings(items: Mapping[str, Item]) -> FitSettings:
 
 def _option(key: str, value: object) -> Item:
     """What the command line says, as if it stood in a file."""
-    name = "--" + ONE_BY_ONE.get(key, key)
+    name = _option_name(key)
     if isinstance(value, list | tuple):
         value = [Item(entry, "command line", name) for entry in value]
     return Item(value, "command line", name)
+
+
+def _option_name(key: str) -> str:
+    return OPTIONS.get(key, f"--{key}")
 
 
 def _beside(file: Path, item: Item) -> Item:
@@ -175,8 +192,11 @@ def _located(item: Item, reader: Callable[[Item], T]) -> T:
         raise item.error(str(error)) from error
 
 
-def _reference(item: Item) -> Subject | None:
-    return None if item.text() == MEASURED else parse_subject(item.text())
+def _reference(item: Item) -> Subject | Path | str:
+    text = item.text()
+    if text == MEASURED:
+        return text
+    return Path(text) if Path(text).suffix == ".npz" else parse_subject(text)
 
 
 def _ranges(item: Item, target: Subject) -> tuple[FitParameter, ...]:
@@ -204,13 +224,6 @@ def _not_empty(item: Item) -> list[Item]:
     return entries
 
 
-def _whole(item: Item, low: int, high: int) -> int:
-    number = item.number()
-    if number != int(number) or not low <= number <= high:
-        raise item.error(f"must be a whole number from {low} to {high}, not {number:g}")
-    return int(number)
-
-
 def _steps(item: Item) -> tuple[float, ...]:
     """Steps a frame, from a list or a text with commas, the fewest first."""
     entries = (
@@ -232,5 +245,5 @@ def _grid(item: Item, ranges: tuple[FitParameter, ...]) -> Grid:
             f"{item.text()!r} is not understood; allowed: two of the ranges ({', '.join(known)}) "
             f"and the points along each side, for example step,springs.stiffness:{POINTS}"
         )
-    points = _whole(Item(count, item.where, item.name), 2, MOST_POINTS) if colon else POINTS
+    points = Item(count, item.where, item.name).whole(2, MOST_POINTS) if colon else POINTS
     return Grid((names[0], names[1]), points)
