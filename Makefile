@@ -1,7 +1,7 @@
 # `make demo` and `make test` do everything on a fresh machine; `make help` lists the rest.
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench lock clean
+.PHONY: help setup demo test lint bench thesis lock clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## */  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -20,6 +20,9 @@ lint: setup  ## lint and types alone
 
 bench: setup  ## steps a second of every model; results in out/bench.json
 	@./tissue bench $(ARGS)
+
+thesis: setup  ## the thesis' comparison of models, its tables beside ours; results in out/
+	@./tissue thesis $(ARGS)
 
 lock: setup  ## choose package versions anew: requirements*.in -> requirements/*.lock
 	@bash scripts/lock.sh

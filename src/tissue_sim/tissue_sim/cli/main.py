@@ -7,7 +7,7 @@ import sys
 import typer
 from rich.console import Console
 
-from tissue_sim.cli import bench, demo, history, mesh, pictures, replay, run
+from tissue_sim.cli import bench, compare, demo, history, mesh, pictures, replay, run, thesis
 from tissue_sim.launcher import LaunchError
 
 BAD_INPUT = 2
@@ -27,7 +27,9 @@ app.command("demo")(demo.demo)
 app.command("replay")(replay.replay)
 app.command("undo")(history.undo)
 app.command("redo")(history.redo)
+app.command("compare")(compare.compare)
 app.command("bench")(bench.bench)
+app.command("thesis")(thesis.thesis)
 app.command("pictures")(pictures.pictures)
 app.add_typer(mesh.app, name="mesh", help="Look at mesh files, check and convert them.")
 

@@ -1,1 +1,1 @@
-"""The founding thesis' comparison of models on the wall, repeated."""
+"""The thesis' comparison of models on the wall, done again (THESIS.md, sections 6 and 7)."""
