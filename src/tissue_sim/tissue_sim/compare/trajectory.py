@@ -71,9 +71,26 @@ class Trajectory:
         return self.stable == self.frames
 
     @property
+    def steps_per_frame(self) -> float:
+        """Steps of a frame, mean while the model was stable; nan if it was measured."""
+        return float(self._played(self.steps).mean()) if len(self.steps) else math.nan
+
+    @property
     def ms_per_frame(self) -> float:
-        """Time of the steps of a frame, median [ms]; nan if it was measured."""
-        return 1e3 * float(np.median(self.seconds)) if len(self.seconds) else math.nan
+        """Time of a frame [ms]: median time of a step by steps of a frame; nan if measured.
+
+        Not the median over the frames: with less than a step a frame most of them cost nothing.
+        """
+        steps = self._played(self.steps)
+        if not steps.any():
+            return math.nan
+        made = steps > 0
+        per_step = np.median(self._played(self.seconds)[made] / steps[made])
+        return 1e3 * float(per_step) * self.steps_per_frame
+
+    def _played(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of the frames before the model was lost, and of that one if there is no other."""
+        return values[: max(1, self.stable)]
 
     def save(self, path: Path) -> None:
         """Write it as a NumPy archive (.npz), whole or not at all."""

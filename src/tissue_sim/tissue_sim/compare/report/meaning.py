@@ -12,8 +12,9 @@ MEANING = (
     "volume error: the volume of the target over that of the reference, less one; in the table "
     "the largest of any frame, without its sign.",
     "steps a frame: the model's own steps between two frames, their mean; fractions are carried "
-    "over to the next frame. ms a frame: the time they took, median, on the machine named above, "
-    "with whatever else ran on it.",
+    "over to the next frame. ms a frame: the median time of a step, times the steps of a frame, on "
+    "the machine named above with whatever else ran on it; a reference that was computed before "
+    "has the time it took then.",
     "lost: the state was not finite, or a node was farther away than 20 times the organ's size. "
     "From that frame on the target counts as tissue that does not follow.",
     "Held nodes are where they were recorded, for the reference and for every target alike: which "

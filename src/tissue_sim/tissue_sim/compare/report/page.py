@@ -20,14 +20,14 @@ from tissue_sim.compare.report.text import (
 )
 
 COLUMNS = (
-    "target", "effort", "mean [mm]", "of the worst", "95th percentile [mm]", "largest [mm]",
+    "target", "effort a frame", "mean [mm]", "of the worst", "95th percentile [mm]", "largest [mm]",
     "volume error", "ms a frame", "steps a frame",
 )  # fmt: skip
 
 PICTURE = (
     " and the reference when they are farthest apart (mean over the nodes), and at the end; one "
     "moment where that is the same. Colour: distance of each node, the same scale in all pictures "
-    "of this interaction; black: held nodes."
+    "of this interaction, and its last colour for all that is more; black: held nodes."
 )
 
 Draw = Callable[[Comparison], pictures.Pictures]

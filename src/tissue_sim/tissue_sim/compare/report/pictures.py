@@ -72,17 +72,19 @@ def moments(target: Target) -> list[int]:
 
 
 def colour_limit(comparison: Comparison) -> float:
-    """Difference that has the last colour in all pictures [mm]: the largest shown, rounded up.
+    """Difference that has the last colour in all pictures [mm]; larger ones have it too.
 
-    What exceeds tissue that does not follow at all has the last colour too.
+    The largest 95th percentile of the nodes in a frame that is drawn, rounded up, and at most that
+    of tissue which does not follow at all: a model that is lost must not fade the others.
     """
-    shown = [
-        apart(comparison, target.trajectory, frame)
+    from viz_bridge.difference_colors import scale_top
+
+    largest = max(
+        float(target.difference.frame_p95[frame])
         for target in comparison.targets
         for frame in moments(target)
-    ]
-    largest = max(float(np.nanmax(one)) for one in shown)
-    return rounded_up(1e3 * min(largest, comparison.worst.largest))
+    )
+    return 1e3 * scale_top(min(largest, float(comparison.worst.frame_p95.max())))
 
 
 def apart(comparison: Comparison, target: Trajectory, frame: int) -> NDArray[np.float64]:
@@ -98,15 +100,6 @@ def apart(comparison: Comparison, target: Trajectory, frame: int) -> NDArray[np.
     return distance
 
 
-def rounded_up(value: float) -> float:
-    """The next of 1, 1.5, 2, 2.5, 5 and their tenths and multiples of ten."""
-    if not value > 0.0:
-        return 1.0
-    decade = 10.0 ** np.floor(np.log10(value))
-    steps = [factor * decade for factor in (1.0, 1.5, 2.0, 2.5, 5.0, 10.0)]
-    return float(next(step for step in steps if step >= value * (1.0 - 1e-9)))
-
-
 def panels(comparison: Comparison, target: Target, top: float) -> dict[str, NDArray]:
     """What `viz_bridge.picture_grid` draws, in plain arrays.
 
@@ -118,13 +111,10 @@ def panels(comparison: Comparison, target: Target, top: float) -> dict[str, NDAr
     from viz_bridge.organ_surface import surface_of
 
     part = surface_of(comparison.organ.mesh).outside
-    shown = [
-        (trajectory, frame)
-        for frame in moments(target)
-        for trajectory in _drawable(comparison, target)
-    ]
+    frames, drawable = moments(target), _drawable(comparison, target)
+    shown = [(trajectory, frame) for frame in frames for trajectory in drawable]
     arrays: dict[str, NDArray] = {
-        "grid": np.array([1, len(shown), *PANEL]),
+        "grid": np.array([len(frames), len(drawable), *PANEL]),
         "range_mm": np.array([0.0, top]),
         "labels": np.array(LABELS),
         "colors_are": np.array("difference [mm]"),

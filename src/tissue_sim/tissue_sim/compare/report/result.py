@@ -173,14 +173,13 @@ def _difference_document(apart: Difference) -> dict[str, Any]:
 
 
 def _trajectory_document(trajectory: Trajectory) -> dict[str, Any]:
-    steps = trajectory.steps
     return {
         "label": trajectory.label,
         "frames": trajectory.frames,
         "stable_frames": trajectory.stable,
-        "steps_per_frame": number(float(steps.mean())) if len(steps) else None,
+        "steps_per_frame": number(trajectory.steps_per_frame),
         "ms_per_frame": number(trajectory.ms_per_frame),
-        "steps": steps.tolist(),
+        "steps": trajectory.steps.tolist(),
         "seconds": numbers(trajectory.seconds),
     }
 

@@ -103,7 +103,7 @@ def cells(target: Target) -> list[str]:
     return [
         figure(1e3 * apart.mean), share(target.relative), figure(1e3 * apart.p95),
         figure(1e3 * apart.largest), percent(apart.largest_volume_error),
-        figure(trajectory.ms_per_frame), figure(float(trajectory.steps.mean())),
+        figure(trajectory.ms_per_frame), figure(trajectory.steps_per_frame),
     ]  # fmt: skip
 
 
