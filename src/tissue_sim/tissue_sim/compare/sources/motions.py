@@ -17,11 +17,9 @@ from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.interaction import Interaction, InteractionError, held_along
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.sources.axes import Axes, axes_at
+from tissue_sim.compare.sources.played import STEPS, deciding_model
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import simulate
-
-EXACT = Subject("finite_element", effort=Effort.parse("rest"))
-"""Decides where tissue is when it is grabbed again: linear finite elements at equilibrium."""
 
 SHARE = 0.15
 """Amplitude where nobody says which, as a share of the organ's size ..."""
@@ -77,7 +75,7 @@ def motion(
     rate_hz: float = 30.0,
     pull_seconds: float = 1.5,
     hold_seconds: float = 3.0,
-    reference: Subject = EXACT,
+    reference: Subject | None = None,
 ) -> Interaction:
     """One of `MOTIONS`.
 
@@ -88,7 +86,8 @@ def motion(
         rate_hz: Frames per second [1/s].
         pull_seconds: Time of the stretch [s].
         hold_seconds: Time without motion after it [s].
-        reference: For `regrab` only: which model decides where tissue is when it is grabbed again.
+        reference: For `regrab` only: what decides where tissue is when it is grabbed again; None:
+            `deciding_model`.
 
     Raises:
         ValueError: There is no such motion, or a number is out of range.
@@ -110,9 +109,10 @@ def motion(
             raise InteractionError(
                 f"{label} = {seconds:g} s is out of range; allowed: a frame to 3600 s"
             )
+    decides = reference or Subject(deciding_model(organ), effort=Effort(steps=STEPS))
     pull = Pull(
         organ, axes_at(organ), far, rate_hz, round(rate_hz * pull_seconds),
-        round(rate_hz * hold_seconds), reference,
+        round(rate_hz * hold_seconds), decides,
     )  # fmt: skip
     return MOTIONS[name](pull)
 

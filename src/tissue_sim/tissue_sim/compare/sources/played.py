@@ -14,11 +14,8 @@ from tissue_sim.interaction.tools import GRAB, SPHERE, ToolSpec
 from tissue_sim.scene import Scene
 from tissue_sim.scene_file import find_scene, scene_names
 
-EXACT, OF_SHEETS = "finite_element", "lr"
-"""Models that decide where tissue is when it is grabbed: of tetrahedra, and of triangles."""
-
 STEPS = 40
-"""Steps of that model in a frame; linear finite elements are at equilibrium after few."""
+"""Steps in a frame of the model that decides where tissue is when it is grabbed."""
 
 LEAST_HZ = 60.0
 """Tools are moved at least so often [1/s]."""
@@ -40,6 +37,15 @@ def grasper(name: str, organ: Organ) -> ToolSpec:
     return ToolSpec(name, GRAB, SPHERE, (radius,)).checked()
 
 
+def deciding_model(organ: Organ) -> str:
+    """The model that decides where tissue is when it is grabbed.
+
+    Linear finite elements, which are at equilibrium after few steps; on a sheet, which they do not
+    know, LR.
+    """
+    return "finite_element" if organ.mesh.sheet is None else "lr"
+
+
 def session_hz(rate_hz: float) -> float:
     """The multiple of a rate at which tools are moved [1/s]."""
     return rate_hz * math.ceil(LEAST_HZ / rate_hz)
@@ -47,9 +53,10 @@ def session_hz(rate_hz: float) -> float:
 
 def stage_of(organ: Organ, tools: Iterable[ToolSpec], rate_hz: float) -> tuple[Mesh, Scene]:
     """A copy of an organ's mesh, and a scene in which tools grab it by position or by force."""
-    model = EXACT if organ.mesh.sheet is None else OF_SHEETS
     grabs = tuple(tool for tool in tools if tool.kind == GRAB)
-    scene = Scene(model=model, material=organ.material, tools=grabs, rate_hz=session_hz(rate_hz))
+    scene = Scene(
+        deciding_model(organ), material=organ.material, tools=grabs, rate_hz=session_hz(rate_hz)
+    )
     return copy.deepcopy(organ.mesh), scene
 
 
