@@ -77,7 +77,7 @@ def test_what_is_not_said_has_a_default() -> None:
     short = {key: OPTIONS[key] for key in ("interactions", "reference", "target", "ranges")}
     settings = read_settings(None, short)
     expected = FitSettings(
-        "", "", settings.interactions, settings.reference, settings.target, settings.ranges
+        None, settings.interactions, settings.reference, settings.target, settings.ranges
     )
     assert settings == expected
 

@@ -93,7 +93,7 @@ class Size:
     seconds: tuple[float, float] = (1.5, 3.0)
     seeds: tuple[int, ...] = (1, 2, 3, 4, 5)
     candidates: tuple[int, int] = (40, 12)
-    generations: tuple[int, int] = (30, 100)
+    generations: tuple[int, int] = (30, 60)
     processes: int = 2
 
     def strategy(self, name: str, space: Space, seed: int) -> tuple[Strategy, int]:

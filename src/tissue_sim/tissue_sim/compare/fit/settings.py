@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from tissue_sim.compare.fit.space import FitParameter, Space, parse_range
 from tissue_sim.compare.subject import Subject, parse_subject
+from tissue_sim.geometry.sheet_geometry import KINDS
 from tool_input.located_yaml import Item, ProcedureError, read_located_file
 
 T = TypeVar("T")
@@ -22,9 +23,9 @@ MEASURED = "measured"
 
 STRATEGIES = ("ea", "cma")
 KEYS = (
-    "organ", "units", "interactions", "rate_hz", "namespace", "epoch", "reference", "target",
-    "ranges", "strategy", "population", "generations", "seed", "processes", "scheduler", "pareto",
-    "tolerance", "landscape", "out",
+    "organ", "units", "fixed", "kind", "young", "poisson", "interactions", "rate_hz", "namespace",
+    "epoch", "reference", "target", "ranges", "strategy", "population", "generations", "seed",
+    "processes", "scheduler", "pareto", "tolerance", "landscape", "out",
 )  # fmt: skip
 """Keys of the file."""
 
@@ -56,9 +57,9 @@ class FitSettings:
     """What is fitted to what, where it is looked for, and how.
 
     Attributes:
-        organ: Shape, scene or mesh file; empty: that of the recording.
-        units: Unit of a mesh file, "mm" or "m"; empty: it needs none.
+        organ: Shape, scene or mesh file; None: that of the recording.
         interactions: What is done to it: motions, files or recordings.
+        units, fixed, kind, young, poisson: Of the organ, as the options of `tissue compare`.
         rate_hz: Frames per second [1/s]; a recorded interaction that has its own keeps it.
         namespace: Of a recording: that of the organ; empty: it has one only.
         epoch: Of a recording: which, counted from 1; None: it has one only.
@@ -78,12 +79,16 @@ class FitSettings:
         out: Folder to write; None: one named after the time.
     """
 
-    organ: str
-    units: str
+    organ: str | None
     interactions: tuple[str, ...]
     reference: Subject | Path | str
     target: Subject
     ranges: tuple[FitParameter, ...]
+    units: str = ""
+    fixed: str = ""
+    kind: str = ""
+    young: float | None = None
+    poisson: float | None = None
     rate_hz: float = 30.0
     namespace: str = ""
     epoch: int | None = None
@@ -139,12 +144,16 @@ def _settings(items: Mapping[str, Item]) -> FitSettings:
     target = _located(items["target"], lambda item: parse_subject(item.text()))
     ranges = _ranges(items["ranges"], target)
     return FitSettings(
-        organ=read("organ", Item.text, ""),
-        units=read("units", lambda item: item.one_of(("mm", "m")), ""),
+        organ=read("organ", Item.text, None),
         interactions=tuple(item.text() for item in _not_empty(items["interactions"])),
         reference=_located(items["reference"], _reference),
         target=target,
         ranges=ranges,
+        units=read("units", lambda item: item.one_of(("mm", "m")), ""),
+        fixed=read("fixed", Item.text, ""),
+        kind=read("kind", lambda item: item.one_of(KINDS), ""),
+        young=read("young", lambda item: item.number(above=0.0), None),
+        poisson=read("poisson", lambda item: item.number(minimum=0.0, maximum=0.4999), None),
         rate_hz=read("rate_hz", lambda item: item.number(minimum=1.0, maximum=1000.0), 30.0),
         namespace=read("namespace", Item.text, ""),
         epoch=read("epoch", lambda item: item.whole(1, 1_000_000), None),
