@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +77,7 @@ def _keys(path: Path) -> list[str]:
     try:
         with np.load(path, allow_pickle=False) as file:
             return list(file.files)
-    except (ValueError, EOFError, AttributeError) as error:
+    except (zipfile.BadZipFile, EOFError, ValueError, AttributeError) as error:
         raise InteractionError(f"{path} is no NumPy archive (.npz): {error}") from error
 
 
