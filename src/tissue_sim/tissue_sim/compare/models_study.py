@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,12 @@ from typing import Any
 from rich.console import Console
 
 from tissue_sim.bench import machine
-from tissue_sim.compare.models_table import as_markdown
+from tissue_sim.compare.models_fit import FITS, Fit, fitted
+from tissue_sim.compare.models_fit import ORGAN as FITTED_ON
+from tissue_sim.compare.models_table import as_markdown, into_page
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.organs import load_organ
+from tissue_sim.compare.reference_cache import Say
 from tissue_sim.compare.sources.motions import MOTIONS, motion
 from tissue_sim.compare.step_cost import StepCost, step_cost
 from tissue_sim.compare.subject import Subject
@@ -55,7 +58,6 @@ SUBJECTS = (
 )  # fmt: skip
 """All models; parameters that are not named have their defaults."""
 
-Say = Callable[[str], None]
 Result = dict[str, Any]
 
 
@@ -63,7 +65,7 @@ class Study:
     """The rows so far, in a file that is whole at any time.
 
     Attributes:
-        result: Machine, cost of the steps and rows, as in the file.
+        result: Machine, fitted values, cost of the steps and rows, as in the file.
     """
 
     def __init__(self, out: Path | None, resume: bool, say: Say = lambda line: None) -> None:
@@ -78,7 +80,9 @@ class Study:
             ValueError: The file was measured on another processor.
         """
         self._out, self._say = out, say
-        self.result: Result = {"machine": machine(), "organs": {}, "rows": []}
+        self.result: Result = {
+            "machine": machine(), "fitted": {}, "organs": {}, "rows": []
+        }  # fmt: skip
         if out is None or not resume or not out.is_file():
             return
         there = json.loads(out.read_text(encoding="utf-8"))
@@ -89,6 +93,24 @@ class Study:
                 "machine; begin anew, without --resume"
             )
         self.result = there
+
+    @property
+    def subjects(self) -> tuple[Subject, ...]:
+        """What is judged: `SUBJECTS`, and what has been fitted."""
+        found = self.result["fitted"].items()
+        return (
+            *SUBJECTS,
+            *(Subject(of["model"], of["values"], label=label) for label, of in found),
+        )
+
+    def fit(self, fits: Sequence[Fit]) -> None:
+        """Fit what has not been fitted yet; it is judged like any other subject from then on."""
+        for fit in fits:
+            subject, known = fit.subject, self.result["fitted"]
+            if subject.name not in known:
+                values = fitted(fit, load_organ(FITTED_ON), self._say)
+                known[subject.name] = {"model": subject.model, "values": values}
+                self._write()
 
     def add(self, name: str, interactions: Sequence[str], budgets_ms: Sequence[float]) -> None:
         """Play what is missing of interactions with an organ to every model.
@@ -104,7 +126,7 @@ class Study:
             todo = [
                 (subject, budget)
                 for budget in budgets_ms
-                for subject in SUBJECTS
+                for subject in self.subjects
                 if (organ.name, interaction, subject.name, budget) not in done
             ]
             if not todo:
@@ -123,7 +145,7 @@ class Study:
         about = {"nodes": int(mesh.node_alive.sum()), "elements": int(mesh.element_alive.sum())}
         known = self.result["organs"].setdefault(organ.name, {**about, "costs": {}})["costs"]
         pull = motion(COST_MOTION, organ, hold_seconds=1.0 / 30.0)
-        for subject in SUBJECTS:
+        for subject in self.subjects:
             if subject.name not in known:
                 self._say(f"{organ.name}: cost of a step of {subject.name}")
                 known[subject.name] = asdict(step_cost(subject, organ, pull))
@@ -142,6 +164,7 @@ def run(
     budgets_ms: Sequence[float] = BUDGETS_MS,
     resume: bool = False,
     say: Say = lambda line: None,
+    fits: Sequence[Fit] = FITS,
 ) -> Result:
     """Play every interaction with every organ to every model, with every budget.
 
@@ -152,6 +175,7 @@ def run(
         budgets_ms: Time a frame [ms].
         resume: Whether to keep what is in the file.
         say: Told what is being done.
+        fits: What is fitted first, to be judged with the others.
 
     Raises:
         ValueError: A name is unknown, or the file was measured on another processor.
@@ -160,6 +184,7 @@ def run(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
     study = Study(out, resume, say)
+    study.fit(fits)
     for organ in organs:
         study.add(organ, interactions, budgets_ms)
     return study.result
@@ -170,9 +195,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="errors of every model at equal cost per frame")
     parser.add_argument("--out", type=Path, help="JSON file; rows are in it as they are ready")
     parser.add_argument("--picture", type=Path, help="PNG file to draw the errors in")
+    parser.add_argument("--page", type=Path, help="page to put the tables in")
     parser.add_argument("--organ", choices=ORGANS, action="append", help="default: all")
     parser.add_argument("--budget", type=float, action="append", help="ms a frame; default: all")
-    parser.add_argument("--quick", action="store_true", help="the wall, pulled obliquely")
+    parser.add_argument("--quick", action="store_true", help="the wall, pulled obliquely, no fits")
     parser.add_argument("--resume", action="store_true", help="keep the rows that are in the file")
     chosen = parser.parse_args()
     organs = ("wall",) if chosen.quick else chosen.organ or ORGANS
@@ -181,12 +207,15 @@ def main() -> None:
     with console.status("compiling") as status:
         result = run(
             chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
-            status.update,
+            status.update, () if chosen.quick else FITS,
         )  # fmt: skip
     if chosen.picture is not None:
         from viz_bridge.model_error_curves import draw_model_errors
 
         draw_model_errors(result, chosen.picture)
+    if chosen.page is not None:
+        text = into_page(chosen.page.read_text(encoding="utf-8"), as_markdown(result))
+        chosen.page.write_text(text, encoding="utf-8")
     print(as_markdown(result))
 
 

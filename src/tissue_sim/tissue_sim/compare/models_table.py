@@ -12,6 +12,9 @@ from tissue_sim.compare.trial import Error, Row
 FIRST, SECOND = "linear", "corotated"
 """The reference that orders the models, and the one beside it."""
 
+BEGIN, END = "<!-- results: docs/results/model_errors.json -->", "<!-- end of results -->"
+"""Marks on the page between which the tables are."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -75,6 +78,19 @@ def as_markdown(result: dict[str, Any]) -> str:
             costs = {label: cost["ms"] for label, cost in about["costs"].items()}
             parts += [f"**{budget:g} ms a frame**", _table(rows, organ, budget, costs)]
     return "\n\n".join(parts)
+
+
+def into_page(page: str, tables: str) -> str:
+    """A page with the tables between `BEGIN` and `END`, in place of what was there.
+
+    Raises:
+        ValueError: The page has no such marks.
+    """
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"the page has no place for tables; it needs {BEGIN} and {END}")
+    return f"{before}{BEGIN}\n{tables}\n{END}{after}"
 
 
 def _table(rows: Sequence[Row], organ: str, budget_ms: float, costs: dict[str, float]) -> str:

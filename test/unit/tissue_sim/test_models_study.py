@@ -1,0 +1,169 @@
+"""All models at equal cost per frame: what a budget buys, how rows are judged, and the results."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tissue_sim.compare import models_study
+from tissue_sim.compare.effort import Effort
+from tissue_sim.compare.models_study import Study
+from tissue_sim.compare.models_table import SECOND, as_markdown, standings
+from tissue_sim.compare.organ import Organ
+from tissue_sim.compare.organs import load_organ
+from tissue_sim.compare.step_cost import StepCost, bought, step_cost
+from tissue_sim.compare.subject import Subject
+from tissue_sim.compare.trajectory import only_held, simulate
+from tissue_sim.compare.trial import REFERENCES, Error, Reference, Row, Trial
+from tissue_sim.elastic import registry
+
+RATE = 30.0
+SHORTEST = 1.0 / 4800.0
+IN_TIME = Subject("vertex_block_descent", {"dynamic": 1.0, "iterations": 1.0})
+
+
+@pytest.fixture(scope="module")
+def block() -> Organ:
+    return load_organ("block", parameters={f"nodes_{axis}": 4 for axis in "xyz"})
+
+
+@pytest.fixture(scope="module")
+def trial(block: Organ, tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        return Trial.of(block, "oblique")
+
+
+def cost_of(ms: float, time_step: float | None = None) -> StepCost:
+    return StepCost(ms, 100, time_step, 10.0)
+
+
+@pytest.mark.parametrize(("ms", "steps"), [(0.3, 13.0), (4.0, 1.0), (5.0, 0.8), (3000.0, 0.00133)])
+def test_a_budget_buys_whole_steps_or_a_fraction_of_one(ms: float, steps: float) -> None:
+    share = bought(Subject("lr", {"levels": 6.0}), cost_of(ms), 4.0, RATE)
+    assert share.steps == steps
+    assert share.subject == Subject("lr", {"levels": 6.0}, Effort(steps=steps))
+    assert share.real_time
+
+
+@given(st.floats(1e-3, 100.0), st.floats(0.1, 50.0), st.sampled_from(["springs", "descent"]))
+def test_simulated_time_keeps_up_or_it_is_said(ms: float, budget_ms: float, kind: str) -> None:
+    springs = kind == "springs"
+    subject, time_step = (Subject("spring_mass"), SHORTEST) if springs else (IN_TIME, 1.0 / RATE)
+    share = bought(subject, cost_of(ms, time_step), budget_ms, RATE)
+    values = share.subject.values
+    simulated = share.steps * values.get("time_step", time_step)
+    assert share.real_time == math.isclose(simulated, 1.0 / RATE)
+    assert simulated < (1.0 + 1e-9) / RATE
+    # Never more than what was paid for, but for a fraction's rounding.
+    assert share.steps * values.get("iterations", 1.0) * ms <= 1.01 * budget_ms
+    if springs:
+        # A budget for the shortest steps buys exactly them, with masses as they are.
+        enough = int(budget_ms / ms) >= round(1.0 / (RATE * SHORTEST))
+        assert ("mass_scaling" in values) != enough
+    share.subject.checked()
+
+
+def test_a_step_is_measured_while_the_model_works(trial: Trial, block: Organ) -> None:
+    pull = replace(
+        trial.interaction, held=trial.interaction.held[:45],
+        displacement=trial.interaction.displacement[:45],
+    )  # fmt: skip
+    every = step_cost(Subject("spring_mass"), block, pull, seconds=0.01)
+    working = step_cost(Subject("finite_element"), block, pull, seconds=0.01)
+    assert every.ms > 0.0
+    assert every.bandwidth > 0.1
+    assert every.time_step is not None
+    assert every.steps % 44 == 0
+    # Once motions are known finite elements begin their steps idle.
+    assert working.time_step is None
+    assert 5 <= working.steps < every.steps or every.steps == 44
+
+
+def test_references_are_exact_for_themselves_and_the_worst_is_one(trial: Trial) -> None:
+    own = trial.errors(simulate(REFERENCES["linear"].subject, trial.organ, trial.interaction))
+    assert own["linear"] == Error(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert 0.0 < own["corotated"].relative < 0.5
+    for error in trial.errors(only_held(trial.organ, trial.interaction)).values():
+        assert error.relative == 1.0
+        assert error.mean_mm < error.p95_mm < error.largest_mm
+
+
+def test_a_reference_counts_the_last_of_so_many_frames(trial: Trial) -> None:
+    reference = Reference(Subject("finite_element", effort=Effort(to_rest=1e-9)), every=4)
+    worst = only_held(trial.organ, trial.interaction)
+    seen = reference.seen(worst)
+    assert seen.frames == worst.frames // 4
+    assert seen.rate_hz == RATE / 4
+    np.testing.assert_array_equal(seen.displacement[2], worst.displacement[11])
+    # Equilibrium has no memory: the shape of a frame does not depend on how many came before it.
+    every = Reference(reference.subject).moved(trial.organ, trial.interaction, lambda line: None)
+    few = reference.moved(trial.organ, trial.interaction, lambda line: None)
+    far = np.abs(few.displacement - reference.seen(every).displacement).max()
+    assert far < 1e-3 * trial.interaction.amplitude
+
+
+def test_a_row_says_all_that_another_run_needs(trial: Trial) -> None:
+    row = trial.judged(Subject("quasi_static", label="springs"), cost_of(2.5), 4.0)
+    assert (row.label, row.model, row.steps, row.lost) == ("springs", "quasi_static", 1.0, 0)
+    again = Row.of(json.loads(json.dumps(asdict(row))))
+    assert again == row
+    assert trial.errors(simulate(again.subject, trial.organ, trial.interaction)) == row.errors
+
+
+def row_of(label: str, linear: float, corotated: float, interaction: str = "normal") -> Row:
+    errors = {"linear": linear, "corotated": corotated}
+    return Row(
+        "wall", interaction, label, 4.0, label, {}, 2.0, label != "spring_mass", 3.9, 0,
+        {name: Error(error, error, error, error, error) for name, error in errors.items()},
+    )  # fmt: skip
+
+
+def test_models_are_ordered_by_the_mean_over_the_interactions() -> None:
+    rows = [
+        row_of("lr", 0.5, 0.1), row_of("spring_mass", 0.3, 0.3),
+        row_of("lr", 0.2, 0.1, "oblique"), row_of("spring_mass", 0.5, 0.3, "oblique"),
+    ]  # fmt: skip
+    assert [each.label for each in standings(rows, "wall", 4.0)] == ["lr", "spring_mass"]
+    assert standings(rows, "wall", 4.0)[0].relative() == pytest.approx(0.35)
+    assert standings(rows, "wall", 4.0)[0].relative(SECOND) == pytest.approx(0.1)
+    assert standings(rows, "heart", 4.0) == []
+    about = {"nodes": 884, "costs": {"lr": {"ms": 1.0}, "spring_mass": {"ms": 1.5}}}
+    lines = as_markdown({"organs": {"wall": about}, "rows": [asdict(row) for row in rows]})
+    assert "| 1 | `lr` | **0.350** | 0.200 .. 0.500 |" in lines
+    assert "| 2 | `spring_mass` (slower than real time) | **0.400** | 0.300 .. 0.500 |" in lines
+
+
+def test_a_study_goes_on_where_it_was_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(models_study, "SUBJECTS", (Subject("relaxation"), Subject("chain_mail")))
+    monkeypatch.setitem(REFERENCES, "corotated", REFERENCES["linear"])
+    file = tmp_path / "errors.json"
+    whole = models_study.run(file, ("wall",), ("oblique",), (1.0,), fits=())
+    assert json.loads(file.read_text()) == whole
+    assert [row["label"] for row in whole["rows"]] == ["relaxation", "chain_mail"]
+    interrupted = {**whole, "rows": whole["rows"][:1]}
+    file.write_text(json.dumps(interrupted))
+    resumed = models_study.run(file, ("wall",), ("oblique",), (1.0,), resume=True, fits=())
+    assert resumed["organs"] == whole["organs"]
+    for now, then in zip(resumed["rows"], whole["rows"], strict=True):
+        assert {**now, "ms": 0.0} == {**then, "ms": 0.0}
+    elsewhere = {**whole, "machine": {**whole["machine"], "processor": "abacus"}}
+    file.write_text(json.dumps(elsewhere))
+    with pytest.raises(ValueError, match="measured on abacus"):
+        Study(file, resume=True)
+
+
+def test_every_model_takes_part() -> None:
+    assert {subject.model for subject in models_study.SUBJECTS} == set(registry.names())
+    for subject in models_study.SUBJECTS:
+        subject.checked()
