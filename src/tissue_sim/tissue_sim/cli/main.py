@@ -7,7 +7,7 @@ import sys
 import typer
 from rich.console import Console
 
-from tissue_sim.cli import bench, compare, demo, history, mesh, pictures, replay, run, thesis
+from tissue_sim.cli import bench, compare, demo, fit, history, mesh, pictures, replay, run, thesis
 from tissue_sim.launcher import LaunchError
 
 BAD_INPUT = 2
@@ -28,6 +28,7 @@ app.command("replay")(replay.replay)
 app.command("undo")(history.undo)
 app.command("redo")(history.redo)
 app.command("compare")(compare.compare)
+app.command("fit")(fit.fit)
 app.command("bench")(bench.bench)
 app.command("thesis")(thesis.thesis)
 app.command("pictures")(pictures.pictures)

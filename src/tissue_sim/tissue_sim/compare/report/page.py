@@ -18,6 +18,7 @@ from tissue_sim.compare.report.text import (
     share,
     summary_rows,
 )
+from tissue_sim.whole_files import write_text
 
 COLUMNS = (
     "target", "effort a frame", "mean [mm]", "of the worst", "95th percentile [mm]", "largest [mm]",
@@ -49,9 +50,7 @@ def write_page(
     """
     several = (comparisons,) if isinstance(comparisons, Comparison) else tuple(comparisons)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(page(several, command, draw), encoding="utf-8")
-    partial.replace(path)
+    write_text(path, page(several, command, draw))
 
 
 def page(comparisons: Sequence[Comparison], command: str = "", draw: Draw = pictures.draw) -> str:
