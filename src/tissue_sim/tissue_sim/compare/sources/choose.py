@@ -77,7 +77,7 @@ def _keys(path: Path) -> list[str]:
     try:
         with np.load(path, allow_pickle=False) as file:
             return list(file.files)
-    except (zipfile.BadZipFile, EOFError, ValueError, AttributeError) as error:
+    except (zipfile.BadZipFile, EOFError, ValueError, TypeError) as error:
         raise InteractionError(f"{path} is no NumPy archive (.npz): {error}") from error
 
 
