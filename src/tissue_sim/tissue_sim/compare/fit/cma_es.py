@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from tissue_sim.compare.fit.strategy import LARGEST, check_settings
 
 QUIET = {"verbose": -9, "verb_disp": 0, "verb_log": 0}
+SAME = 1e-7
+"""Errors that differ by less are the same: it is what rounding does to them in single precision."""
+
 LEAST_SIZE = 2
 """The library does not support one coordinate: a second one is carried along that nobody reads."""
 
@@ -64,7 +67,7 @@ class CmaEs:
         rng = np.random.Generator(np.random.PCG64(seed))
         options = {
             "bounds": [0.0, 1.0], "popsize": population, "randn": _normal(rng), "seed": np.nan,
-            **QUIET,
+            "tolfun": SAME, **QUIET,
         }  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

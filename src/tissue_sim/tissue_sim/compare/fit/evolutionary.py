@@ -19,7 +19,7 @@ class Evolutionary:
     not evaluated again.
 
     What the thesis does not say, and we chose: tournaments of two, mutations of 0.2 of the range in
-    the first generation and 0.9 times that in each further one. See docs/search.md.
+    the first generation and 0.85 times that in each further one. See docs/search.md.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Evolutionary:
         mutation: float = 0.5,
         rivals: int = 2,
         width: float = 0.2,
-        shrink: float = 0.9,
+        shrink: float = 0.85,
     ) -> None:
         """Start with a population scattered over the unit cube.
 
