@@ -146,6 +146,7 @@ def test_a_study_goes_on_where_it_was_interrupted(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(models_study, "SUBJECTS", (Subject("relaxation"), Subject("chain_mail")))
+    monkeypatch.setattr(models_study, "step_cost", lambda *of: cost_of(0.3))
     monkeypatch.setitem(REFERENCES, "corotated", REFERENCES["linear"])
     file = tmp_path / "errors.json"
     whole = models_study.run(file, ("wall",), ("oblique",), (1.0,), fits=())

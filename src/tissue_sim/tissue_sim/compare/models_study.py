@@ -180,7 +180,6 @@ def run(
     Raises:
         ValueError: A name is unknown, or the file was measured on another processor.
     """
-    registry.warm_up()
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
     study = Study(out, resume, say)
@@ -205,6 +204,7 @@ def main() -> None:
     interactions = (COST_MOTION,) if chosen.quick else tuple(MOTIONS)
     console = Console(stderr=True)
     with console.status("compiling") as status:
+        registry.warm_up()
         result = run(
             chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
             status.update, () if chosen.quick else FITS,

@@ -7,6 +7,7 @@ step is measured once, and a budget becomes steps a frame.
 from __future__ import annotations
 
 import statistics
+import time
 from dataclasses import dataclass, replace
 
 from tissue_sim.bench import measure_triad
@@ -23,7 +24,8 @@ MOST_A_FRAME = 50
 FEWEST = 5
 """Fewer steps than these that begin with work to do are no sample; all of them are, then."""
 
-ONE = Effort(steps=1.0)
+NONE = Effort(steps=0.0)
+"""Holds what is held in a frame, and leaves the steps to who measures them."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class StepCost:
     """What a step costs.
 
     Attributes:
-        ms: Median time of a step that begins with work to do, while the hold moves [ms].
+        ms: Median processor time of a step that begins with work to do, while the hold moves [ms];
+            steps compute on one thread.
         steps: Number of steps that this is the median of.
         time_step: Simulated time of a step [s]; None: the model has no time.
         bandwidth: Of the memory, one thread, right before: a yardstick of the machine [GB/s].
@@ -75,18 +78,19 @@ def step_cost(
     bandwidth = 1e-9 * measure_triad()
     model = subject.build(organ)
     player = Player(model, organ, interaction)
-    player.play(0, ONE)
-    _, first = player.play(0, ONE)
+    player.play(0, Effort(steps=2.0))
+    _, first = player.play(0, Effort(steps=1.0))
     share = seconds / interaction.frames / max(first, 1e-9)
     a_frame = min(max(int(share), 1), MOST_A_FRAME)
     working, every = [], []
     for frame in range(1, interaction.frames):
+        player.play(frame, NONE)
         for _ in range(a_frame):
-            idle = model.idle
-            _, spent = player.play(frame, ONE)
-            every.append(spent)
+            idle, begun = model.idle, time.thread_time()
+            model.step(player.state)
+            every.append(time.thread_time() - begun)
             if not idle:
-                working.append(spent)
+                working.append(every[-1])
     sample = working if len(working) >= FEWEST else every
     milliseconds = 1e3 * statistics.median(sample)
     return StepCost(milliseconds, len(sample), model.time_step, bandwidth)
