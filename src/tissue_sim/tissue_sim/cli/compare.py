@@ -35,6 +35,7 @@ from tissue_sim.compare.sources.motions import MOTIONS
 from tissue_sim.compare.sources.recorded import Recording
 from tissue_sim.compare.subject import Subject, parse_subject
 from tissue_sim.compare.trajectory import Trajectory
+from tissue_sim.elastic import registry
 
 console = Console(highlight=False)
 progress_console = Console(stderr=True, highlight=False)
@@ -138,6 +139,8 @@ def _compared(
 
     organ, interaction = recording.organ, recording.interaction
     frames = interaction.frames
+    for subject in (*targets, *([] if model is None else [model])):
+        registry.check_geometry(subject.model, organ.mesh)
     with _progress() as shown:
         if model is not None:
             task = shown.add_task(f"reference: {model.name}", total=frames)
@@ -160,7 +163,10 @@ def _compared(
 
 def _progress() -> Progress:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    return Progress(*columns, TimeElapsedColumn(), console=progress_console, transient=True)
+    return Progress(
+        *columns, TimeElapsedColumn(), console=progress_console, transient=True,
+        disable=not progress_console.is_terminal,
+    )  # fmt: skip
 
 
 def _write(

@@ -19,7 +19,7 @@ FRAME_HZ = 30.0
 """Frames of the thesis' comparisons per second [1/s]."""
 
 THESIS_FPS = {
-    "quasi_static": 57.0, "quasi_static, connected surfaces": 90.0,
+    "quasi_static": 57.0, "quasi_static on connected surfaces": 90.0,
     "quasi_static with relaxation": 61.0, "spring_mass": 86.0, "relaxation": 106.0,
     "finite_element": 12.0, "lr": 20.0,
 }  # fmt: skip
@@ -43,7 +43,7 @@ def thesis_steps(subject: Subject, organ: Organ) -> float:
     if kind == "lr" and _levels(subject) >= WHOLE_ORGAN:
         kind = "quasi_static with relaxation"
     elif kind == "quasi_static" and _is_connected(organ):
-        kind = "quasi_static, connected surfaces"
+        kind = "quasi_static on connected surfaces"
     if kind not in THESIS_FPS:
         raise ValueError(
             f"the thesis has no frame rate of {subject.model}: give it an effort of its own, for "

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tissue_sim.compare.difference import check_alike
 from tissue_sim.compare.interaction import Interaction, InteractionError
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.sources.markers import measured_markers, recorded_markers
@@ -14,7 +15,10 @@ from tissue_sim.compare.sources.motions import MOTIONS, motion
 from tissue_sim.compare.sources.recorded import Recording
 from tissue_sim.compare.sources.recording import read_recording
 from tissue_sim.compare.sources.script import interaction_of_script
-from tissue_sim.compare.trajectory import Trajectory
+from tissue_sim.compare.trajectory import Trajectory, only_held
+
+SAME = 1e-6
+"""Places are the same that are nearer than this share of the organ's size: single precision."""
 
 ALLOWED = (
     f"allowed: a motion ({', '.join(MOTIONS)}; with an amplitude as NAME:MILLIMETRES), a procedure "
@@ -63,8 +67,25 @@ def reference_from(path: Path, organ: Organ, interaction: Interaction) -> Trajec
         OSError: It cannot be read.
     """
     if "displacement" in _keys(path):
-        return Trajectory.load(path)
+        return _of_interaction(Trajectory.load(path), path, organ, interaction)
     return measured_markers(path, organ, interaction)
+
+
+def _of_interaction(
+    kept: Trajectory, path: Path, organ: Organ, interaction: Interaction
+) -> Trajectory:
+    """A kept trajectory, if what is held in it is where the interaction holds it."""
+    check_alike(organ, only_held(organ, interaction), kept)
+    if not len(kept.steps):
+        return kept  # It was measured: tissue is never quite where a tool is.
+    apart = kept.displacement[:, interaction.nodes] - interaction.displacement
+    farthest = float(np.linalg.norm(apart[interaction.held], axis=1).max())
+    if farthest > SAME * max(interaction.amplitude, organ.size):
+        raise InteractionError(
+            f"{path} was made under another interaction than {interaction.name}: what that holds "
+            f"is up to {1e3 * farthest:.3g} mm elsewhere in it"
+        )
+    return kept
 
 
 def _of_archive(path: Path, organ: Organ, rate_hz: float) -> Recording:
