@@ -38,7 +38,7 @@ class Search:
     generations: tuple[int, int, int]
 
 
-FULL = Search(20, (8, 12, 18))
+FULL = Search(20, (8, 12, 15))
 SHORT = Search(12, (4, 6, 8))
 QUICK = Search(6, (2, 2, 2))
 

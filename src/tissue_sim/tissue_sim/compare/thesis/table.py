@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -51,18 +52,32 @@ def as_markdown(result: dict[str, Any]) -> str:
 
 
 def parameters_as_markdown(result: dict[str, Any]) -> str:
-    """What was fitted, beside what the thesis found."""
+    """What was fitted, beside what the thesis found: medians, and least to largest."""
     lines = [
-        "| model | value | thesis | ours, median | least to largest |",
+        "| model | value | thesis | one spring for each edge | repeated for each element |",
         "|---" * 5 + "|",
     ]
     for row in result["rows"]:
         for name, found in row["parameters"].items():
+            cells = [
+                _found([
+                    trial["values"][name]
+                    for trial in result["trials"]
+                    if trial["row"] == row["row"] and trial["per_element"] in variants
+                ])
+                for variants in ((0.0, None), (1.0,))
+            ]  # fmt: skip
             lines.append(
-                f"| {row['row']} | `{name}` | {found['thesis']:.3g} | {found['median']:.3g} "
-                f"| {found['low']:.3g} to {found['high']:.3g} |"
+                f"| {row['row']} | `{name}` | {found['thesis']:.3g} | {' | '.join(cells)} |"
             )
     return "\n".join(lines)
+
+
+def _found(values: list[float]) -> str:
+    if not values:
+        return "the same"
+    middle = float(np.median(values))
+    return f"{middle:.3g} ({min(values):.3g} to {max(values):.3g})"
 
 
 def thesis_values_as_markdown(result: dict[str, Any]) -> str:
