@@ -15,7 +15,7 @@ from support.bags import EPOCH, ROOMY, put
 from support.small_block import block_mesh, pose_of, tool_at
 from support.split_edit import split_at
 from tissue_sim import conversions
-from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
+from tissue_sim.frame import Budget, Command, Edge, FrameInputs, ToolSample
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 from viz_bridge.bag_writer import BagWriter
@@ -85,7 +85,7 @@ def record_pull(
         put(writer, f"{namespace}/tissue/topology", keyframe, START)
     seen = Pulled()
     for number in range(1, frames + 1):
-        edge = 1 if number == PRESS else -1 if number == RELEASE else 0
+        edge: Edge = 1 if number == PRESS else -1 if number == RELEASE else 0
         sample = ToolSample(
             "grasper", pose_of(place(number)), number, PRESS <= number < RELEASE, edge
         )

@@ -96,6 +96,14 @@ def test_a_pause_is_left_out(tmp_path: Path, session: tuple[Path, Pulled]) -> No
         np.testing.assert_allclose(shape, seen.positions[frame - 1], atol=1e-8)
 
 
+def test_waiting_after_the_last_release_is_left_out(tmp_path: Path) -> None:
+    """A second of it counts: tissue comes back."""
+    bag, _ = pull_bag(tmp_path / "long", frames=150)
+    found = read_recording(bag, rate_hz=60.0)
+    assert found.interaction.frames == RELEASE - PRESS + 60
+    assert found.reference().frames == found.interaction.frames
+
+
 def test_an_interaction_ends_before_the_mesh_changes(tmp_path: Path) -> None:
     bag, _ = pull_bag(tmp_path / "cut", cut_at=31)
     found = read_recording(bag, rate_hz=60.0)

@@ -34,12 +34,16 @@ def frames_at(rate_hz: float, recorded_hz: float, recorded: int) -> NDArray[np.i
     return wanted[wanted < recorded]
 
 
+AFTERWARDS = 1.0
+"""Time after the last release that counts [s]: tissue comes back; then there is only waiting."""
+
+
 class HeldFrames:
     """Collects what a simulation holds.
 
-    What waits for its first hold is left out: all tissue rests until then. Frames in which the
-    simulation is paused are left out as well. Nodes of holds by force are taken from where the
-    simulation let them be.
+    What comes before the first hold is left out, since all tissue rests until then, and so is what
+    comes long after the last one. Frames in which the simulation is paused are left out as well.
+    Nodes of holds by force are taken from where the simulation let them be.
     """
 
     def __init__(self) -> None:
@@ -76,7 +80,9 @@ class HeldFrames:
         """
         if not self._rows:
             raise InteractionError(f"{name}: no tool holds tissue in any frame")
-        chosen = frames_at(rate_hz, recorded_hz, len(self._rows))
+        last = max(frame for frame, rows in enumerate(self._rows) if len(rows))
+        counted = min(len(self._rows), last + 1 + round(AFTERWARDS * recorded_hz))
+        chosen = frames_at(rate_hz, recorded_hz, counted)
         nodes = np.unique(np.concatenate([self._rows[frame] for frame in chosen]))
         held = np.zeros((len(chosen), len(nodes)), dtype=np.bool_)
         displacement = np.zeros((*held.shape, 3))
