@@ -40,7 +40,7 @@ from tissue_sim.elastic import registry
 console = Console(highlight=False)
 progress_console = Console(stderr=True, highlight=False)
 
-EXACT = "exact=finite_element:direct=1@rest"
+EXACT = "exact=finite_element:tolerance=1e-6@rest"
 """The reference if nobody names one."""
 MEASURED = "measured"
 """The reference that is what the recording measured."""
