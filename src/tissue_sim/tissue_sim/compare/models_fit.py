@@ -52,10 +52,6 @@ FITS = (
         Subject("lr", ALL, label="lr, fitted"),
         Space.parse("step=0.01..1.9", "linear_factor=0.0001..0.9:log"),
     ),
-    Fit(
-        Subject("relaxation", label="relaxation, fitted"),
-        Space.parse("linear_factor=0.00001..0.5:log"),
-    ),
     Fit(Subject("spring_mass", label="spring_mass, fitted"), Space.parse("damping=0.001..0.9:log")),
     Fit(Subject("chain_mail", label="chain_mail, fitted"), Space.parse(*LIMITS)),
     Fit(Subject("voxel_chain_mail", label="voxel_chain_mail, fitted"), Space.parse(*LIMITS)),

@@ -79,18 +79,20 @@ def step_cost(
     model = subject.build(organ)
     player = Player(model, organ, interaction)
     player.play(0, Effort(steps=2.0))
-    _, first = player.play(0, Effort(steps=1.0))
-    share = seconds / interaction.frames / max(first, 1e-9)
-    a_frame = min(max(int(share), 1), MOST_A_FRAME)
     working, every = [], []
     for frame in range(1, interaction.frames):
         player.play(frame, NONE)
-        for _ in range(a_frame):
+        left = seconds / interaction.frames
+        for _ in range(MOST_A_FRAME):
             idle, begun = model.idle, time.thread_time()
             model.step(player.state)
-            every.append(time.thread_time() - begun)
+            spent = time.thread_time() - begun
+            every.append(spent)
             if not idle:
-                working.append(every[-1])
+                working.append(spent)
+            left -= spent
+            if left <= 0.0:
+                break
     sample = working if len(working) >= FEWEST else every
     milliseconds = 1e3 * statistics.median(sample)
     return StepCost(milliseconds, len(sample), model.time_step, bandwidth)
