@@ -1,4 +1,4 @@
-"""Problems of fits: a small real one, and one whose evaluations do what a test asks for."""
+"""Problems of fits: a small one, and one in whose evaluations happens what a test asks for."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ from tissue_sim.compare.trajectory import simulate
 CLOUD = np.random.default_rng(5).random((24, 2))
 """Candidates of two values."""
 
+BAD = float(np.sort(CLOUD[:, 0])[-2])
+"""The first numbers of two of them are at least this."""
+
 
 def block_problem(nodes: int = 4, frames: int = 8) -> Problem:
     """Quasi-static tissue with two free values, to agree with itself, on a block that is pulled."""
@@ -39,22 +42,26 @@ def block_problem(nodes: int = 4, frames: int = 8) -> Problem:
 
 
 @dataclass(frozen=True)
-class Scripted:
-    """Stands for a problem: the error is the first value, and what happens on the way is given.
+class Watched:
+    """A problem in whose evaluations something happens first.
 
     Attributes:
-        happens: Called with the first value in the process that evaluates.
+        happens: Called with the first number of each candidate, in the process that evaluates it.
+        problem: What is evaluated then.
     """
 
     happens: Callable[[float], None]
-    space: Space = field(default_factory=lambda: Space.parse("step=0..1", "speed=0..1"))
+    problem: Problem = field(default_factory=block_problem)
+
+    @property
+    def space(self) -> Space:
+        """That of the problem."""
+        return self.problem.space
 
     def evaluate(self, unit: NDArray[np.float64]) -> Evaluation:
-        """Let it happen."""
+        """Let it happen, and evaluate."""
         self.happens(float(unit[0]))
-        return Evaluation(
-            tuple(map(float, unit)), self.space.decode(unit), float(unit[0]), True, 1.0
-        )
+        return self.problem.evaluate(unit)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import signal
@@ -16,13 +17,10 @@ import numpy as np
 import psutil
 import pytest
 
-from support.fit_problems import CLOUD, DiesOf, Scripted, begun, block_problem, refuses
+from support.fit_problems import BAD, CLOUD, DiesOf, Watched, begun, block_problem, refuses
 from support.simulation_process import eventually
 from tissue_sim.compare.fit.process_pool import MOST_DEATHS, ProcessPool
 from tissue_sim.compare.fit.workers import Serial, WorkersError, workers_of
-
-BAD = float(np.sort(CLOUD[:, 0])[-2])
-"""The two largest values are at least this."""
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +30,8 @@ def pool() -> Iterator[ProcessPool]:
 
 
 @contextmanager
-def scripted(happens: Any, processes: int = 2) -> Iterator[ProcessPool]:
-    with ProcessPool(Scripted(happens), processes) as running:  # type: ignore[arg-type]
+def watched(happens: Any, processes: int = 2) -> Iterator[ProcessPool]:
+    with ProcessPool(Watched(happens), processes) as running:  # type: ignore[arg-type]
         yield running
 
 
@@ -52,18 +50,20 @@ def test_evaluations_come_in_the_order_of_the_candidates(pool: ProcessPool) -> N
 
 
 def test_a_candidate_whose_process_dies_is_evaluated_again(tmp_path: Path) -> None:
-    with scripted(DiesOf(BAD, 1, tmp_path)) as running:
-        errors = [evaluation.error for evaluation in running.evaluate(CLOUD)]
-    assert errors == CLOUD[:, 0].tolist()
+    with watched(DiesOf(BAD, 1, tmp_path)) as running:
+        evaluations = running.evaluate(CLOUD)
+    assert evaluations == Serial(block_problem()).evaluate(CLOUD)
     assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_candidate_that_ends_every_process_is_named(tmp_path: Path) -> None:
-    candidates = np.array([[0.1, 0.2], [0.9, 0.25]])
+    candidates = np.array([[0.1, 0.2], [0.9, math.log(2.0, 20.0)]])
     before = children()
     with (
-        scripted(DiesOf(0.5, MOST_DEATHS, tmp_path), processes=1) as running,
-        pytest.raises(WorkersError, match=r"candidate 2 of 2 \(step=0\.9, speed=0\.25\).*SIGKILL"),
+        watched(DiesOf(0.5, MOST_DEATHS, tmp_path), processes=1) as running,
+        pytest.raises(
+            WorkersError, match=r"candidate 2 of 2 \(step=1\.37, material.*=2000\).*SIGKILL"
+        ),
     ):
         running.evaluate(candidates)
     assert children() == before
@@ -88,7 +88,7 @@ def test_processes_that_cannot_begin_are_given_up(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_an_evaluation_raises_is_raised_with_its_place() -> None:
-    with scripted(refuses, processes=1) as running, pytest.raises(ZeroDivisionError) as caught:
+    with watched(refuses, processes=1) as running, pytest.raises(ZeroDivisionError) as caught:
         running.evaluate(CLOUD)
     assert "in refuses" in caught.value.__notes__[0]
 
@@ -103,11 +103,11 @@ def test_a_process_uses_one_thread(pool: ProcessPool) -> None:
 INTERRUPTED = """
 import sys
 from pathlib import Path
-from support.fit_problems import CLOUD, Scripted, Sleeps
+from support.fit_problems import CLOUD, Sleeps, Watched
 from tissue_sim.compare.fit.process_pool import ProcessPool
 
 # Not guarded by __name__: a person's script need not be.
-with ProcessPool(Scripted(Sleeps(60.0, Path(sys.argv[1]))), 2) as running:
+with ProcessPool(Watched(Sleeps(60.0, Path(sys.argv[1]))), 2) as running:
     running.evaluate(CLOUD)
 """
 
