@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from tissue_sim.compare.comparison import Comparison, Target
 from tissue_sim.compare.trajectory import Trajectory
+from viz_bridge.blueprints import quiet_panels, scene_view
 from viz_bridge.difference_colors import UNKNOWN, color_bar, difference_colors, scale_top
 from viz_bridge.organ_surface import SurfacePart, surface_of
-from viz_bridge.recording import BACKGROUND, file_stream
+from viz_bridge.recording import file_stream
 
 MOST_COLUMNS = 4
 GAP = 1.15
@@ -223,13 +224,7 @@ def _blueprint(comparison: Comparison, bodies: list[_Body]) -> rrb.Blueprint:
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     toward = np.array(FROM) / np.linalg.norm(FROM)
     eye = middle + 1.1 * float(np.linalg.norm(np.ptp(corners, axis=0))) * toward
-    scene = rrb.Spatial3DView(
-        origin="/bodies",
-        name="Reference and targets",
-        background=rrb.Background(color=BACKGROUND),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0.0, 0.0, 1.0)),
-    )
+    scene = scene_view("Reference and targets", ["$origin/**"], eye, middle, origin="/bodies")
     beside = rrb.Vertical(
         rrb.Spatial2DView(origin="/legend", name="Colours"),
         rrb.Tabs(
@@ -240,9 +235,4 @@ def _blueprint(comparison: Comparison, bodies: list[_Body]) -> rrb.Blueprint:
         rrb.TextDocumentView(origin="/summary", name="Figures"),
         row_shares=[1, 4, 3],
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(scene, beside, column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline="sim_time"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="collapsed"),
-    )
+    return quiet_panels(rrb.Horizontal(scene, beside, column_shares=[3, 2]))

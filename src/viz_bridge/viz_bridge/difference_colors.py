@@ -30,7 +30,7 @@ def scale_top(distance: float) -> float:
         return LEAST_TOP
     power = 10.0 ** math.floor(math.log10(distance))
     for factor in (1.0, 2.0, 5.0):
-        if distance <= factor * power * (1 + 1e-9):
+        if distance <= factor * power * (1 + 1e-6):
             return factor * power
     return 10.0 * power
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.sutures import Sutures
+from viz_bridge.blueprints import session_blueprint
 from viz_bridge.cdr import Message
+from viz_bridge.drawn_difference import DrawnDifference
 from viz_bridge.drawn_holes import log_holes
 from viz_bridge.organ_follower import OrganFollower
 from viz_bridge.organ_surface import OrganSurface, SurfacePart, surface_of
@@ -21,7 +22,6 @@ from viz_bridge.tool_shapes import DrawnTool, blade_corners
 
 APPLICATION = "tissue_sim"
 METRES_PER_NEWTON = 0.01
-BACKGROUND = (24, 27, 33)
 STEEL, PRESSED, FROZEN = (196, 204, 214), (255, 196, 92), (120, 132, 150)
 FORCE = (102, 204, 255)
 THREAD, THREAD_RADIUS = (66, 88, 196), 0.0004
@@ -56,12 +56,14 @@ class Recording:
         self._looks: dict[str, object] = {}
         self._colors: dict[str, tuple[int, int, int]] = {}
         self._blueprint_sent = self._sewn = False
+        self._difference = DrawnDifference(stream)
         self._early: Message | None = None
         self._received = 0
         self._last_status = ""
         self._warned: dict[str, str] = {}
         self._takers: dict[str, Callable[[Message], None]] = {
             "tissue/state": self._take_state,
+            "tissue/difference": self._take_difference,
             "tissue/topology": self._take_topology,
             "tissue/edits": self._take_edit,
             "tissue/journal": self._take_journal,
@@ -136,6 +138,7 @@ class Recording:
         self._at(stamp)
         if self._surface is None:
             self._surface = surface_of(self.organ.mesh)
+            self._difference.remember(self.organ.replica.epoch, self._surface)
             self._log_topology(positions)
         else:
             for name in _PARTS:
@@ -150,9 +153,22 @@ class Recording:
         # The list of tools comes a moment after the first state, if at all.
         if not self._blueprint_sent and (self.organ.tools.by_id or self.states >= 2):
             self._blueprint_sent = True
-            tips = [t.tip for t in self.organ.tools.by_id.values() if t.kind == "grab"]
-            self.stream.send_blueprint(blueprint(positions, tips))
+            self._send_blueprint(positions)
         self.states += 1
+
+    def _send_blueprint(self, positions: NDArray[np.float32]) -> None:
+        tips = [t.tip for t in self.organ.tools.by_id.values() if t.kind == "grab"]
+        self.stream.send_blueprint(session_blueprint(positions, tips, self._difference.drawn > 0))
+
+    def _take_difference(self, message: Message) -> None:
+        first = self._difference.drawn == 0
+        # The second model may be behind: what it shows belongs to its own frame.
+        stamp = nanoseconds(message.header.stamp)
+        self._at(stamp, float(message.sim_time), int(message.frame))
+        shape = self.organ.replica.shape_at(0)
+        if self._difference.take(message) and first and shape is not None:
+            self._blueprint_sent = True
+            self._send_blueprint(shape.positions)
 
     def _log_topology(self, positions: NDArray[np.float32]) -> None:
         for name in _PARTS:
@@ -290,46 +306,6 @@ class Recording:
                 self._at(self._received)
                 self.stream.log("events", rr.TextLog(text, level="WARN" if level == 1 else "ERROR"))
             self._warned[status.name] = words if level else ""
-
-
-def blueprint(
-    positions: NDArray[np.float32], tips: Sequence[NDArray[np.float64]] = ()
-) -> rrb.Blueprint:
-    """A layout that shows the organ large, with events and forces beside it.
-
-    Args:
-        positions: Node positions when it starts [m], shape (node_count, 3).
-        tips: Where the tools that grab are then [m]: the organ is looked at from their side.
-    """
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-    side = np.mean([tip - middle for tip in tips], axis=0) if len(tips) else np.zeros(3)
-    if np.linalg.norm(side) < 0.05 * size:
-        side = np.array([0.55, -0.75, 0.0])
-    side = side / np.linalg.norm(side) + np.array([0.0, 0.0, 0.35])
-    eye = middle + 0.9 * size * side / np.linalg.norm(side)
-    organ = rrb.Spatial3DView(
-        origin="/",
-        contents=["+ /organ/**", "+ /tools/**", "+ /forces/**"],
-        name="Organ",
-        background=rrb.Background(color=BACKGROUND),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0.0, 0.0, 1.0)),
-    )
-    beside = rrb.Vertical(
-        rrb.TextLogView(origin="/events", name="Events"),
-        rrb.Tabs(
-            rrb.TimeSeriesView(origin="/plots/force", name="Force on tools [N]"),
-            rrb.TimeSeriesView(origin="/plots/closure", name="Holes: covered [%], gap [mm]"),
-        ),
-        row_shares=[3, 2],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(organ, beside, column_shares=[4, 1]),
-        rrb.TimePanel(state="collapsed", timeline="sim_time"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="collapsed"),
-    )
 
 
 def file_stream(path: str) -> rr.RecordingStream:

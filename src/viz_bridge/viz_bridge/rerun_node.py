@@ -18,7 +18,7 @@ from tissue_sim.polled_subscriptions import PolledSubscriptions
 from viz_bridge.cdr import Decoder
 from viz_bridge.drawing_thread import DrawingThread
 from viz_bridge.message_text import message_text
-from viz_bridge.recorded_topics import FIXED, message_class, of_tool
+from viz_bridge.recorded_topics import DRAWN, message_class, of_tool
 from viz_bridge.recording import APPLICATION, Recording, file_stream
 from viz_bridge.viewer_process import ViewerError, ViewerProcess
 
@@ -55,7 +55,7 @@ class RerunNode(Node):
         self._heard = PolledSubscriptions(self)
         self._open_sinks()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
-        for topic in FIXED:
+        for topic in DRAWN:
             self._subscribe(topic.name, topic.type_name, topic.profile)
         self.create_timer(TAKING_PERIOD, self._heard.take)
         self.create_timer(1.0, self._report)

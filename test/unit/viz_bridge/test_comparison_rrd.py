@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rerun.chunk import RrdReader
 
+from support.rrd import columns, rgb
 from tissue_sim.compare.comparison import Comparison, compare
 from tissue_sim.compare.interaction import held_along
 from tissue_sim.compare.organ import Organ
@@ -41,25 +40,6 @@ def compared() -> Comparison:
     pull = held_along(organ, "pull", 30.0, hold, offsets)
     targets = [parse_subject(text) for text in ("same/one=quasi_static@3", "lr@1")]
     return compare(organ, pull, parse_subject("quasi_static@3"), targets)
-
-
-def columns(path: Path) -> dict[str, dict[str, list]]:
-    """Component columns by entity and name, one list of values for each frame."""
-    found: dict[str, dict[str, list]] = defaultdict(dict)
-    for chunk in RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        entity = chunk.entity_path.replace("\\", "")
-        for name in batch.schema.names:
-            values = batch.column(name)
-            # Nanoseconds that are no whole microseconds are no timedelta.
-            plain = values.cast("int64") if name == "sim_time" else values
-            found[entity][name] = plain.to_pylist()
-    return found
-
-
-def rgb(packed: list[int]) -> np.ndarray:
-    numbers = np.array(packed, dtype=np.uint32)
-    return np.stack([numbers >> 24, numbers >> 16 & 255, numbers >> 8 & 255], axis=1)
 
 
 def test_bodies_move_as_simulated_and_have_the_difference_as_colour(
@@ -134,8 +114,8 @@ def test_nodes_that_were_not_measured_are_grey(compared: Comparison, tmp_path: P
 def test_the_scale_ends_at_1_2_or_5_and_never_below_what_it_shows(one: float, other: float) -> None:
     low, high = sorted((one, other))
     top = scale_top(low)
-    assert low <= top * (1 + 1e-9) <= scale_top(high) * (1 + 1e-6)
-    assert top <= 2.5 * low * (1 + 1e-9)
+    assert low <= top * (1 + 1e-6) <= scale_top(high) * (1 + 1e-6)
+    assert top <= 2.5 * low * (1 + 1e-6)
     digit = f"{top:.6e}"[0]
     assert digit in "125"
 
