@@ -53,7 +53,7 @@ class CmaEs:
         check_settings(
             seed=(seed, 0, LARGEST), population=(population, 4, LARGEST), width=(width, 1e-6, 1)
         )
-        import cma  # takes a fifth of a second to import
+        import cma  # brings matplotlib and scipy.stats: one or two seconds
 
         self.settings: dict[str, Any] = {
             "algorithm": "cma_es", "seed": seed, "population": population, "width": width,
@@ -108,10 +108,10 @@ class CmaEs:
         """
         try:
             generations = np.array(state["errors"], dtype=np.float64)
+            for errors in generations.reshape(-1, self.settings["population"]):
+                self.tell(self.ask(), errors)
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"no state of CMA-ES: {error!r}") from error
-        for errors in generations:
-            self.tell(self.ask(), errors)
 
 
 def _normal(rng: np.random.Generator) -> Any:
