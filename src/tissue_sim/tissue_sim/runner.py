@@ -21,9 +21,11 @@ from tissue_sim.run_report import print_report, read_report
 from tissue_sim.scene import Scene
 from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene, is_mesh_file
 from tissue_sim.session import (
+    BAG,
     SCRIPT,
     SIMULATION_PROCESS,
     SessionPlan,
+    check_second_model,
     end_session,
     start_session,
     tools_of,
@@ -31,6 +33,9 @@ from tissue_sim.session import (
 from tissue_sim.simulation_parameters import shape_of, sheet_settings
 
 RATE_HZ = 60.0
+STATE_HZ = 10.0
+"""Positions that a bag keeps a second if nobody says how many."""
+
 HEADLESS_SECONDS = 10.0
 """Length of a headless run that is told nothing else."""
 
@@ -60,8 +65,11 @@ class RunOptions:
         procedure: Procedure to play; None: the default one when headless.
         out: Folder to write.
         bag: Whether to record a bag.
+        record_state_hz: Positions that it keeps a second.
         recording: Whether to record for rerun.
         viewer: Whether to open rerun's viewer.
+        difference: Second model to compare the session with (`compare.subject.parse_subject`);
+            empty: none.
     """
 
     scene: str
@@ -75,8 +83,10 @@ class RunOptions:
     procedure: Path | None
     out: Path
     bag: bool
+    record_state_hz: float
     recording: bool
     viewer: bool
+    difference: str = ""
 
 
 def run_scene(options: RunOptions) -> int:
@@ -122,6 +132,9 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         changes["fixed"] = options.fixed
     if options.procedure is not None:
         tools_of(options.procedure)
+    if options.difference:
+        check_second_model(options.difference)
+    viewer = options.viewer and not options.headless
     frames = options.frames or round(options.seconds * RATE_HZ)
     if options.headless and not frames and options.procedure is None:
         frames = round(HEADLESS_SECONDS * RATE_HZ)
@@ -148,10 +161,13 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         procedure=procedure if options.headless or options.procedure else None,
         clock="simulation" if options.headless else "wall",
         bag=options.bag,
-        recording=options.recording,
-        viewer=options.viewer and not options.headless,
+        extra={BAG: {"record_state_hz": float(options.record_state_hz)}},
+        # What is compared is to be seen somewhere.
+        recording=options.recording or (bool(options.difference) and not viewer),
+        viewer=viewer,
         page=not options.headless,
         monitor=options.headless,
+        difference=options.difference,
     )
     return plan, frames
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from tissue_sim.compare.subject import parse_subject
 from tissue_sim.launcher import Launcher, ProcessSpec, module_command
 from tissue_sim.scene_file import SceneFile
 
@@ -32,6 +33,7 @@ BAG = "bag"
 RERUN = "rerun"
 MONITOR = "monitor"
 MOUSE = "mouse"
+DIFFERENCE = "difference"
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class SessionPlan:
         viewer: Whether rerun's viewer is opened.
         page: Whether the mouse page is served.
         monitor: Whether rates and latencies are counted.
+        difference: Second model that the session is compared with; empty: none.
         extra: Further parameters of nodes by process name.
     """
 
@@ -60,6 +63,7 @@ class SessionPlan:
     viewer: bool = False
     page: bool = False
     monitor: bool = True
+    difference: str = ""
     extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -102,6 +106,11 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
         into = ("both" if plan.viewer else "file") if plan.recording else "viewer"
         sinks = {"sink": into, "path": str(plan.recording_file)}
         specs.append(_node(plan, RERUN, "viz_bridge.rerun_node", sinks, viewer=True))
+    if plan.difference:
+        specs.append(
+            _node(plan, DIFFERENCE, "viz_bridge.difference_node", {"model": plan.difference},
+                  viewer=True)
+        )  # fmt: skip
     if plan.monitor:
         specs.append(_node(plan, MONITOR, "viz_bridge.monitor", {"path": str(plan.monitor_file)}))
     if plan.page:
@@ -169,10 +178,23 @@ def tools_of(procedure: Path) -> list[str]:
     return list(load_procedure(procedure).tools)
 
 
+def check_second_model(text: str) -> None:
+    """Refuse a second model that cannot follow a session.
+
+    Raises:
+        ValueError: It does not exist, or has values that no session keeps.
+    """
+    # Here, because viz_bridge depends on this package.
+    from viz_bridge.second_model import checked_subject
+
+    checked_subject(parse_subject(text))
+
+
 def with_waiting(plan: SessionPlan) -> SceneFile:
     """The scene, its clock waiting for those of the session that must not miss its beginning."""
     listeners = {"tissue/journal": 0, "tissue/state": 1, "tissue/edits": 1}  # cut_service
-    for _ in range(int(plan.bag) + int(plan.recording or plan.viewer)):
+    recorders = int(plan.bag) + int(plan.recording or plan.viewer)
+    for _ in range(recorders + bool(plan.difference)):
         listeners = {topic: count + 1 for topic, count in listeners.items()}
     if plan.monitor:
         listeners["tissue/state"] += 1
@@ -193,7 +215,12 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
-    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE,), (MONITOR, BAG, RERUN)):
+    for names in (
+        (SCRIPT, MOUSE),
+        (SIMULATION_PROCESS,),
+        (CUT_SERVICE, DIFFERENCE),
+        (MONITOR, BAG, RERUN),
+    ):
         there = [name for name in names if name in launcher.processes]
         if BAG in there:
             # On a busy machine seconds of a session may still wait in the recorders' queues.

@@ -8,12 +8,17 @@ from typing import Annotated
 
 import typer
 
-from tissue_sim.runner import RunOptions, run_scene
+from tissue_sim.runner import STATE_HZ, RunOptions, run_scene
 
 HELP_SCENE = "A scene (wall, block, sphere_shell, heart), a scene file, or a mesh file."
 HELP_FIXED = (
     "Nodes that never move: auto, none, set:NAME, box:x0,x1,y0,y1,z0,z1 [m], low:z:0.1, "
     "high:z:0.1; several joined by +."
+)
+
+HELP_DIFFERENCE = (
+    "Second model beside the session, such as finite_element@rest: its difference is drawn as "
+    "colour (docs/viewing.md); implies --rrd without --viewer."
 )
 
 
@@ -35,8 +40,12 @@ def run(
         Path | None, typer.Option(help="Folder to write; default out/run/<time>.")
     ] = None,
     bag: Annotated[bool, typer.Option("--bag/--no-bag", help="Record a bag.")] = True,
+    record_state_hz: Annotated[
+        float, typer.Option(help="Positions kept in the bag a second; 0 or at least 60: all.")
+    ] = STATE_HZ,
     rrd: Annotated[bool, typer.Option("--rrd/--no-rrd", help="Record for rerun.")] = False,
     viewer: Annotated[bool, typer.Option("--viewer", help="Open rerun's viewer.")] = False,
+    difference: Annotated[str, typer.Option(metavar="MODEL", help=HELP_DIFFERENCE)] = "",
 ) -> None:
     """Simulate a scene or any mesh until Ctrl-C, or for some frames.
 
@@ -55,7 +64,9 @@ def run(
         procedure=procedure,
         out=out or Path("out/run") / datetime.now(UTC).strftime("%Y%m%d-%H%M%S"),
         bag=bag,
+        record_state_hz=record_state_hz,
         recording=rrd,
         viewer=viewer,
+        difference=difference,
     )
     raise typer.Exit(run_scene(options))
