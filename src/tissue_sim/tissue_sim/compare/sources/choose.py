@@ -48,7 +48,8 @@ def interaction_from(
         OSError: A file cannot be read.
     """
     path, suffix = Path(text), Path(text).suffix.lower()
-    if path.is_dir() or suffix == ".mcap":
+    is_motion = text.partition(":")[0] in MOTIONS
+    if not is_motion and (path.is_dir() or suffix == ".mcap"):
         return read_recording(path, namespace, rate_hz, epoch, organ)
     if organ is None:
         raise InteractionError(f"interaction {text!r} says of no organ: name one")

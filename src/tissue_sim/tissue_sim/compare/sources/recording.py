@@ -176,8 +176,8 @@ def _measured(
         raise InteractionError(
             f"its positions are up to {1e3 * stale / recorded_hz:.0f} ms old where "
             f"{interaction.rate_hz:g} frames a second want new ones every "
-            f"{1e3 / interaction.rate_hz:.0f} ms: record with record_state_hz 60 "
-            "(tissue bag record --record-state-hz 60), or ask for fewer frames a second"
+            f"{1e3 / interaction.rate_hz:.0f} ms: record with --record-state-hz 60 (tissue run, "
+            "tissue bag record), or ask for fewer frames a second"
         )
     none = np.empty(0)
     return Trajectory(
