@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from tissue_sim.compare.models_table import BEGIN, END, SECOND, as_markdown, int
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.organs import load_organ
 from tissue_sim.compare.sources.motions import MOTIONS
-from tissue_sim.compare.step_cost import MOST_A_FRAME, StepCost, bought, step_cost
+from tissue_sim.compare.step_cost import StepCost, bought, step_cost
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import only_held, simulate
 from tissue_sim.compare.trial import REFERENCES, Error, Reference, Row, Trial
@@ -45,7 +45,7 @@ def trial(block: Organ, tmp_path_factory: pytest.TempPathFactory) -> Trial:
 
 
 def cost_of(ms: float, time_step: float | None = None) -> StepCost:
-    return StepCost(ms, 100, time_step, 10.0)
+    return StepCost(ms, 100, time_step)
 
 
 @pytest.mark.parametrize(("ms", "steps"), [(0.3, 13.0), (4.0, 1.0), (5.0, 0.8), (3000.0, 0.00133)])
@@ -74,23 +74,17 @@ def test_simulated_time_keeps_up_or_it_is_said(ms: float, budget_ms: float, kind
     share.subject.checked()
 
 
-def test_a_step_is_measured_while_the_model_works(
-    trial: Trial, block: Organ, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tissue_sim.compare.step_cost.measure_triad", lambda: 1e10)
-    pull = replace(
-        trial.interaction, held=trial.interaction.held[:45],
-        displacement=trial.interaction.displacement[:45],
-    )  # fmt: skip
-    every = step_cost(Subject("spring_mass"), block, pull, seconds=5.0)
-    working = step_cost(Subject("finite_element"), block, pull, seconds=5.0)
-    assert every.ms > 0.0
-    assert every.bandwidth == 10.0
-    assert every.time_step is not None
-    assert every.steps == 44 * MOST_A_FRAME
-    # Once motions are known finite elements begin their steps idle.
-    assert working.time_step is None
-    assert 5 <= working.steps < every.steps / 2
+def test_a_step_is_measured_while_the_model_works(trial: Trial) -> None:
+    springs, solid = (
+        step_cost(Subject(name), trial.organ, trial.interaction, budget_ms=0.5)
+        for name in ("spring_mass", "finite_element")
+    )
+    assert springs.time_step is not None
+    assert solid.time_step is None
+    assert springs.ms > 0.0
+    # Springs swing through all frames; once motions are known finite elements have nothing to do.
+    assert springs.steps > 10 * trial.interaction.frames
+    assert trial.interaction.frames <= solid.steps + 1 < springs.steps
 
 
 def test_references_are_exact_for_themselves_and_the_worst_is_one(trial: Trial) -> None:
@@ -141,7 +135,11 @@ def test_models_are_ordered_by_the_mean_over_the_interactions() -> None:
     assert standings(rows, "wall", 4.0)[0].relative() == pytest.approx(0.35)
     assert standings(rows, "wall", 4.0)[0].relative(SECOND) == pytest.approx(0.1)
     assert standings(rows, "heart", 4.0) == []
-    about = {"nodes": 884, "costs": {"lr": {"ms": 1.0}, "spring_mass": {"ms": 1.5}}}
+    costs = [
+        {"label": label, "budget_ms": 4.0, "cost": asdict(cost_of(1.5))}
+        for label in ("lr", "spring_mass")
+    ]
+    about = {"nodes": 884, "costs": costs}
     lines = as_markdown({"organs": {"wall": about}, "rows": [asdict(row) for row in rows]})
     assert "| 1 | `lr` | **0.350** | 0.200 .. 0.500 |" in lines
     assert "| 2 | `spring_mass` (slower than real time) | **0.400** | 0.300 .. 0.500 |" in lines
@@ -153,6 +151,7 @@ def test_a_study_goes_on_where_it_was_interrupted(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(models_study, "SUBJECTS", (Subject("relaxation"), Subject("chain_mail")))
     monkeypatch.setattr(models_study, "step_cost", lambda *of: cost_of(0.3))
+    monkeypatch.setattr(models_study, "measure_triad", lambda: 1e10)
     monkeypatch.setitem(REFERENCES, "corotated", REFERENCES["linear"])
     file = tmp_path / "errors.json"
     whole = models_study.run(file, ("wall",), ("oblique",), (1.0,), fits=())

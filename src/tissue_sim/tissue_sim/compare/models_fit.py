@@ -69,7 +69,7 @@ def fitted(fit: Fit, organ: Organ, say: Say) -> dict[str, float]:
     trial = Trial.of(organ, MOTION, (REFERENCE,), say)
     case = case_of(organ, trial.interaction, trial.references[REFERENCE])
     say(f"{organ.name}, {MOTION}: values of {fit.subject.name}")
-    cost = step_cost(fit.subject, organ, trial.interaction)
+    cost = step_cost(fit.subject, organ, trial.interaction, BUDGET_MS)
     share = bought(fit.subject, cost, BUDGET_MS, trial.interaction.rate_hz)
     problem = Problem(organ, share.subject, fit.space, (case,))
     with workers_of(problem) as workers:

@@ -14,7 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from tissue_sim.bench import machine
+from tissue_sim.bench import machine, measure_triad
 from tissue_sim.compare.models_fit import FITS, Fit, fitted
 from tissue_sim.compare.models_fit import ORGAN as FITTED_ON
 from tissue_sim.compare.models_table import as_markdown, into_page
@@ -34,7 +34,7 @@ BUDGETS_MS = (1.0, 4.0, 16.0)
 """Time a frame [ms]."""
 
 COST_MOTION = "oblique"
-"""During its pull the cost of a step is measured."""
+"""Through it the cost of a step is measured."""
 
 ALL = {"levels": float(WHOLE_ORGAN)}
 SUBJECTS = (
@@ -119,7 +119,7 @@ class Study:
             ValueError: There is no such organ or interaction.
         """
         organ = load_organ(name)
-        costs = self._costs(organ)
+        costs = self._costs(organ, budgets_ms)
         keys = ("organ", "interaction", "label", "budget_ms")
         done = {tuple(row[key] for key in keys) for row in self.result["rows"]}
         for interaction in interactions:
@@ -135,22 +135,30 @@ class Study:
             for place, (subject, budget) in enumerate(todo, 1):
                 row_of = f"{organ.name}, {interaction}: row {place} of {len(todo)}"
                 self._say(f"{row_of}, {subject.name}, {budget:g} ms")
-                row = trial.judged(subject, costs[subject.name], budget)
+                row = trial.judged(subject, costs[subject.name, budget], budget)
                 self.result["rows"].append(asdict(row))
                 self._write()
 
-    def _costs(self, organ: Organ) -> dict[str, StepCost]:
-        """What steps cost on an organ; those are measured that are not known yet."""
+    def _costs(
+        self, organ: Organ, budgets_ms: Sequence[float]
+    ) -> dict[tuple[str, float], StepCost]:
+        """What steps cost by label and budget; those are measured that are not known yet."""
         mesh = organ.mesh
         about = {"nodes": int(mesh.node_alive.sum()), "elements": int(mesh.element_alive.sum())}
-        known = self.result["organs"].setdefault(organ.name, {**about, "costs": {}})["costs"]
-        pull = motion(COST_MOTION, organ, hold_seconds=1.0 / 30.0)
+        known = self.result["organs"].setdefault(organ.name, {**about, "costs": []})["costs"]
+        costs = {(each["label"], each["budget_ms"]): each["cost"] for each in known}
+        pull = motion(COST_MOTION, organ)
         for subject in self.subjects:
-            if subject.name not in known:
-                self._say(f"{organ.name}: cost of a step of {subject.name}")
-                known[subject.name] = asdict(step_cost(subject, organ, pull))
+            new = [budget for budget in budgets_ms if (subject.name, budget) not in costs]
+            triad = 1e-9 * measure_triad() if new else 0.0
+            for budget in new:
+                self._say(f"{organ.name}: cost of a step of {subject.name} at {budget:g} ms")
+                cost = asdict(step_cost(subject, organ, pull, budget))
+                entry = {"label": subject.name, "budget_ms": budget, "cost": cost}
+                known.append({**entry, "triad_GBps": triad})
+                costs[subject.name, budget] = cost
                 self._write()
-        return {name: StepCost(**cost) for name, cost in known.items()}
+        return {key: StepCost(**cost) for key, cost in costs.items()}
 
     def _write(self) -> None:
         if self._out is not None:

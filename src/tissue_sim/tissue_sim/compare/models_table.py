@@ -75,7 +75,11 @@ def as_markdown(result: dict[str, Any]) -> str:
     for organ, about in result["organs"].items():
         parts.append(f"### {organ.capitalize()}, {about['nodes']:,} nodes")
         for budget in sorted({row.budget_ms for row in rows if row.organ == organ}):
-            costs = {label: cost["ms"] for label, cost in about["costs"].items()}
+            costs = {
+                each["label"]: each["cost"]["ms"]
+                for each in about["costs"]
+                if each["budget_ms"] == budget
+            }
             parts += [f"**{budget:g} ms a frame**", _table(rows, organ, budget, costs)]
     return "\n\n".join(parts)
 

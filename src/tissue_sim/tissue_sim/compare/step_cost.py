@@ -6,11 +6,11 @@ step is measured once, and a budget becomes steps a frame.
 
 from __future__ import annotations
 
-import statistics
 import time
 from dataclasses import dataclass, replace
 
-from tissue_sim.bench import measure_triad
+import numpy as np
+
 from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.interaction import Interaction
 from tissue_sim.compare.organ import Organ
@@ -18,11 +18,8 @@ from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import Player
 from tissue_sim.elastic.spring_mass import FRAME
 
-MOST_A_FRAME = 50
-"""Most steps of a frame while they are measured."""
-
-FEWEST = 5
-"""Fewer steps than these that begin with work to do are no sample; all of them are, then."""
+KEPT = 0.9
+"""Share of the frames in which a budget is to be kept."""
 
 NONE = Effort(steps=0.0)
 """Holds what is held in a frame, and leaves the steps to who measures them."""
@@ -33,17 +30,14 @@ class StepCost:
     """What a step costs.
 
     Attributes:
-        ms: Median processor time of a step that begins with work to do, while the hold moves [ms];
-            steps compute on one thread.
-        steps: Number of steps that this is the median of.
+        ms: Processor time of a step, in `KEPT` of the frames no more [ms].
+        steps: Number of steps that were measured.
         time_step: Simulated time of a step [s]; None: the model has no time.
-        bandwidth: Of the memory, one thread, right before: a yardstick of the machine [GB/s].
     """
 
     ms: float
     steps: int
     time_step: float | None
-    bandwidth: float
 
 
 @dataclass(frozen=True)
@@ -62,40 +56,35 @@ class Share:
 
 
 def step_cost(
-    subject: Subject, organ: Organ, interaction: Interaction, seconds: float = 1.0
+    subject: Subject, organ: Organ, interaction: Interaction, budget_ms: float
 ) -> StepCost:
-    """Measure a step while an interaction goes on.
+    """Measure steps through an interaction in which each frame has a budget.
 
-    Steps that a model begins idle are left out: finite elements that know a motion already would
-    be told from frames that cost nothing, not from those that decide.
+    A step costs what there is to do: less while little has moved yet and where a motion is known
+    already, most when all moves. So each frame is measured by itself, after as many steps before
+    as the budget allowed, and the dearer ones decide. Steps compute on one thread, whose processor
+    time does not depend on what else the machine does.
 
     Args:
         subject: The model; its effort is not used.
         organ: The organ.
-        interaction: What is held; it moves in all frames that count.
-        seconds: About how long to measure [s]; every frame is stepped once at least.
+        interaction: What is held.
+        budget_ms: Processor time a frame [ms]; at least one step is made.
     """
-    bandwidth = 1e-9 * measure_triad()
     model = subject.build(organ)
     player = Player(model, organ, interaction)
     player.play(0, Effort(steps=2.0))
-    working, every = [], []
+    total, of_frames = 0, []
     for frame in range(1, interaction.frames):
         player.play(frame, NONE)
-        left = seconds / interaction.frames
-        for _ in range(MOST_A_FRAME):
-            idle, begun = model.idle, time.thread_time()
+        steps, spent, begun = 0, 0.0, time.thread_time()
+        while steps == 0 or (1e3 * spent < budget_ms and not model.idle):
             model.step(player.state)
+            steps += 1
             spent = time.thread_time() - begun
-            every.append(spent)
-            if not idle:
-                working.append(spent)
-            left -= spent
-            if left <= 0.0:
-                break
-    sample = working if len(working) >= FEWEST else every
-    milliseconds = 1e3 * statistics.median(sample)
-    return StepCost(milliseconds, len(sample), model.time_step, bandwidth)
+        total += steps
+        of_frames.append(1e3 * spent / steps)
+    return StepCost(float(np.quantile(of_frames, KEPT)), total, model.time_step)
 
 
 def bought(subject: Subject, cost: StepCost, budget_ms: float, rate_hz: float) -> Share:
