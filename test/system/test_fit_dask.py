@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
+import re
 import signal
 import socket
 import sys
@@ -31,10 +31,8 @@ class Cluster:
     def __init__(self, world: Processes, name: str) -> None:
         self._world, self._name, self._started = world, name, 0
         self._workers: list[str] = []
-        file = world.folder / f"{name}.json"
-        world.start(name, "dask", "scheduler", *LOCAL, "--port", "0", "--scheduler-file", str(file))
-        eventually(file.exists)
-        self.address: str = json.loads(file.read_text())["address"]
+        world.start(name, "dask", "scheduler", *LOCAL, "--port", "0")
+        self.address = eventually(lambda: re.search(r"Scheduler at:\s+(\S+)\n", world.log(name)))[1]
 
     def with_workers(self, count: int) -> str:
         """The address, once so many workers are there."""
