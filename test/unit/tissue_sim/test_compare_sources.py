@@ -235,6 +235,14 @@ def test_an_amplitude_is_given_in_millimetres(small_wall: Organ) -> None:
     assert interaction_from("normal", small_wall, rate_hz=60.0).interaction.frames == 270
 
 
+def test_a_folder_does_not_hide_a_motion_of_its_name(
+    small_wall: Organ, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "normal").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert interaction_from("normal", small_wall).interaction.name == "normal"
+
+
 def test_a_kept_interaction_is_read_back(small_wall: Organ, tmp_path: Path) -> None:
     made = motion("oblique", small_wall)
     made.save(tmp_path / "pull.npz")
