@@ -25,13 +25,14 @@ INFLUENCES: Mapping[str, Conditions] = {
     "reference with nu = 0": replace(USUAL, poisson_ratio=0.0),
     "reference with nu = 0.3": replace(USUAL, poisson_ratio=0.3),
     "reference with nu = 0.3, corotated": replace(USUAL, poisson_ratio=0.3, corotated=1.0),
+    "nu = 0.3 and four times the speed": replace(USUAL, poisson_ratio=0.3, speed=4.0),
     "middle of the free side held, 2 nodes": replace(USUAL, hold=0.0),
     "whole free side held, 30 nodes": replace(USUAL, hold=1.0),
     "trembling hand": replace(USUAL, tremor=1.0),
     "sweeps cut off at level 12": replace(USUAL, levels=12),
     "relaxation by the whole excess": replace(USUAL, full_excess=1.0),
 }
-"""By name: one thing is changed in each."""
+"""By name: one thing is changed in each, or two."""
 
 COLUMNS: Mapping[str, str] = {
     "quasi-static, tetrahedra": "quasi-static", "dynamic, tetrahedra": "dynamic",
