@@ -146,17 +146,6 @@ def test_the_same_model_is_no_different_another_is_and_edits_are_followed(
         assert session.interrupt() == 0
 
 
-@pytest.mark.parametrize(
-    ("model", "said"),
-    [
-        ("jelly", "there is no model 'jelly'; allowed"),
-        ("lr:softness=2", "no parameter 'softness'"),
-        ("lr:springs.stiffness=2", "cannot be set in a running session"),
-        ("lr@never", "effort 'never' is not possible"),
-    ],
-)
-def test_a_model_that_cannot_follow_is_refused(
-    model: str, said: str, start: Any, tmp_path: Path
-) -> None:
-    assert start("wrong", model).wait(30) == 2
-    assert said in (tmp_path / "wrong.log").read_text()
+def test_a_model_that_does_not_exist_is_refused(start: Any, tmp_path: Path) -> None:
+    assert start("wrong", "jelly").wait(60) == 2
+    assert "there is no model 'jelly'; allowed" in (tmp_path / "wrong.log").read_text()

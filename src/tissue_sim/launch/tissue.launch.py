@@ -17,6 +17,7 @@ ARGUMENTS = {
     "procedure": ("", "procedure to play (YAML); empty: none"),
     "bag": ("", "bag directory to record; empty: none"),
     "rrd": ("", "recording for rerun; empty: none"),
+    "difference": ("", "second model to compare the session with; empty: none"),
     "page": ("true", "whether to serve the page for the mouse"),
     "namespace": ("", "namespace of all nodes"),
 }
@@ -35,7 +36,7 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
     scene = parameter_file(given["scene"])
     where = given["namespace"]
     # The clock waits for the recorders: a journal that misses frame 1 cannot be replayed.
-    recorders = bool(given["bag"]) + bool(given["rrd"])
+    recorders = sum(bool(given[name]) for name in ("bag", "rrd", "difference"))
     waiting = [{"wait_for": [f"tissue/journal:{recorders}"]}] if recorders else []
     chosen: list[Node | LogInfo] = [
         LogInfo(msg=f"scene {scene}"),
@@ -64,6 +65,14 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
             parameters=[scene, {"sink": "file", "path": given["rrd"]}],
         )
         chosen.append(rerun)
+    if given["difference"]:
+        difference = Node(
+            package="viz_bridge",
+            executable="difference_node",
+            namespace=where,
+            parameters=[scene, {"model": given["difference"]}],
+        )
+        chosen.append(difference)
     if given["page"].lower() in ("true", "1", "yes"):
         page = Node(
             package="tool_input",

@@ -215,14 +215,10 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
-    for names in (
-        (SCRIPT, MOUSE),
-        (SIMULATION_PROCESS,),
-        (CUT_SERVICE, DIFFERENCE),
-        (MONITOR, BAG, RERUN),
-    ):
+    followers = (DIFFERENCE,), (MONITOR, BAG, RERUN)
+    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE,), *followers):
         there = [name for name in names if name in launcher.processes]
-        if BAG in there:
+        if {BAG, DIFFERENCE} & set(there):
             # On a busy machine seconds of a session may still wait in the recorders' queues.
             launcher.wait_until_idle(CATCH_UP_SECONDS, *there)
         if there:
