@@ -11,6 +11,7 @@ from tissue_sim.compare.fit.outcome import FitOutcome
 from tissue_sim.compare.fit.pareto import SpeedPoint
 from tissue_sim.compare.fit.scene_lines import scene_lines
 from tissue_sim.compare.report.text import figure, share
+from tissue_sim.elastic import registry
 
 
 def print_fit(outcome: FitOutcome, console: Console | None = None) -> None:
@@ -55,7 +56,12 @@ def notes(outcome: FitOutcome) -> list[str]:
     if not outcome.found.best.stable:
         lines.append(f"no candidate was stable: {outcome.found.best.reason}")
     for name, side in outcome.at_bounds.items():
-        lines.append(f"{name} is at its {side} bound: a wider range may hold better values")
+        hides = (
+            "the model takes none beyond it"
+            if _is_limit(outcome, name, side)
+            else "a wider range may hold better values"
+        )
+        lines.append(f"{name} is at its {side} bound: {hides}")
     return lines
 
 
@@ -97,6 +103,18 @@ def good_enough(outcome: FitOutcome) -> str:
     return (
         f"fewest steps within {outcome.tolerance:g} of the worst: {point.steps:g} a frame "
         f"({_ms(point)} ms here), {share(point.best.error)}"
+    )
+
+
+def _is_limit(outcome: FitOutcome, name: str, side: str) -> bool:
+    """Whether the bound of a range is that of the model itself."""
+    space, model = outcome.problem.space, outcome.problem.subject.model
+    limits = {entry.name: entry for entry in registry.parameters_of(model)}
+    if name not in limits:
+        return False
+    bound = space.parameters[space.names.index(name)]
+    return (
+        bound.high >= limits[name].maximum if side == "upper" else bound.low <= limits[name].minimum
     )
 
 
