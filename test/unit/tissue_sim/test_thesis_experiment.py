@@ -231,8 +231,10 @@ def test_the_command_writes_what_the_design_says(
     equilibrium = row_named("quasi-static at full")
     quicker = tuple(row for row in ROWS if row is not equilibrium)
 
-    def without_equilibrium(*given: Any, **more: Any) -> list[dict[str, Any]]:
-        return experiment.measure(*given, rows=quicker, **more)
+    def without_equilibrium(
+        conditions: Conditions, search: Search, **more: Any
+    ) -> list[dict[str, Any]]:
+        return experiment.measure(conditions, search, quicker, **more)
 
     monkeypatch.setattr(run, "measure", without_equilibrium)
     monkeypatch.setenv("COLUMNS", "80")
