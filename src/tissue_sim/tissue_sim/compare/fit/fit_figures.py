@@ -84,7 +84,7 @@ def landscape(outcome: FitOutcome) -> go.Figure:
         colorscale=SCALE, colorbar=_powers(errors),
         hovertemplate="%{x:.4g}, %{y:.4g}: %{customdata}<extra></extra>",
     )  # fmt: skip
-    _mark(plot, outcome, grid.first, grid.second)
+    _mark(plot, outcome, grid.first, grid.second, "#fff")
     _scale(plot, grid.first, grid.second)
     _keep_inside(plot, grid)
     return plot
@@ -125,7 +125,7 @@ def _over_two(outcome: FitOutcome, first: FitParameter, second: FitParameter) ->
             name="stable" if stable else "unstable", marker=marker, showlegend=False,
             text=[_words(each) for each in shown], hoverinfo="text",
         )  # fmt: skip
-    _mark(plot, outcome, first, second)
+    _mark(plot, outcome, first, second, INK)
     _scale(plot, first, second)
     return plot
 
@@ -143,12 +143,14 @@ def _words(evaluation: Evaluation) -> str:
     )
 
 
-def _mark(plot: go.Figure, outcome: FitOutcome, first: FitParameter, second: FitParameter) -> None:
+def _mark(
+    plot: go.Figure, outcome: FitOutcome, first: FitParameter, second: FitParameter, color: str
+) -> None:
     """Put a ring around the best values."""
     values = outcome.found.best.values
     plot.add_scatter(
         x=[values[first.name]], y=[values[second.name]], mode="markers", showlegend=False,
-        marker={"size": 16, "symbol": "circle-open", "color": INK, "line": {"width": 2}},
+        marker={"size": 16, "symbol": "circle-open", "color": color, "line": {"width": 2}},
         hovertemplate="best<extra></extra>",
     )  # fmt: skip
 
