@@ -167,6 +167,8 @@ def test_a_study_goes_on_where_it_was_interrupted(
     file.write_text(json.dumps(elsewhere))
     with pytest.raises(ValueError, match="measured on abacus"):
         Study(file, resume=True)
+    with pytest.raises(ValueError, match="budget of 0 ms a frame is out of range"):
+        models_study.run(None, ("wall",), budgets_ms=(0.0,))
 
 
 def test_tables_take_the_place_of_those_before() -> None:
@@ -214,6 +216,14 @@ def test_the_study_is_shown_as_it_came_out(
             assert corotated[springs] > 0.2
         for model in ("vertex_block_descent", "lr"):
             assert relative[f"{model}, all levels"] < relative[model]
+    for chains in ("chain_mail", "voxel_chain_mail"):
+        found = [
+            each.relative()
+            for budget in budgets
+            for each in standings(rows.values(), "wall", budget)
+            if each.label == chains
+        ]
+        assert max(found) - min(found) < 0.01
     # Spot check: with the stored steps the errors come out again.
     trial = Trial.of(load_organ("wall"), "normal", ("linear",))
     for label in ("chain_mail", "quasi_static"):

@@ -26,6 +26,8 @@ ORGAN, MOTION, BUDGET_MS, REFERENCE = "wall", "oblique", 4.0, "linear"
 SEED, POPULATION, GENERATIONS = 1, 10, 12
 
 ALL = {"levels": float(WHOLE_ORGAN)}
+"""Value with which a pull reaches the whole organ."""
+
 LIMITS = ("stretch=0.01..2:log", "compression=0.01..0.9:log", "shear=0.01..2:log")
 
 

@@ -15,8 +15,8 @@ from typing import Any
 from rich.console import Console
 
 from tissue_sim.bench import machine, measure_triad
-from tissue_sim.compare.models_fit import FITS, Fit, fitted
-from tissue_sim.compare.models_fit import ORGAN as FITTED_ON
+from tissue_sim.compare import models_fit
+from tissue_sim.compare.models_fit import ALL, FITS, Fit
 from tissue_sim.compare.models_table import as_markdown, into_page
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.organs import load_organ
@@ -26,17 +26,18 @@ from tissue_sim.compare.step_cost import StepCost, step_cost
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trial import Trial
 from tissue_sim.elastic import registry
-from tissue_sim.elastic.ordering import WHOLE_ORGAN
 from tissue_sim.whole_files import write_json
 
 ORGANS = ("wall", "heart")
 BUDGETS_MS = (1.0, 4.0, 16.0)
 """Time a frame [ms]."""
 
+LEAST_MS, MOST_MS = 0.1, 1000.0
+"""Budgets that are possible [ms]."""
+
 COST_MOTION = "oblique"
 """Through it the cost of a step is measured."""
 
-ALL = {"levels": float(WHOLE_ORGAN)}
 SUBJECTS = (
     Subject("finite_element"),
     Subject("finite_element", {"corotated": 1.0}, label="finite_element, corotated"),
@@ -108,7 +109,7 @@ class Study:
         for fit in fits:
             subject, known = fit.subject, self.result["fitted"]
             if subject.name not in known:
-                values = fitted(fit, load_organ(FITTED_ON), self._say)
+                values = models_fit.fitted(fit, load_organ(models_fit.ORGAN), self._say)
                 known[subject.name] = {"model": subject.model, "values": values}
                 self._write()
 
@@ -186,8 +187,15 @@ def run(
         fits: What is fitted first, to be judged with the others.
 
     Raises:
-        ValueError: A name is unknown, or the file was measured on another processor.
+        ValueError: A name is unknown, a budget is out of range, or the file was measured on another
+            processor.
     """
+    for budget in budgets_ms:
+        if not LEAST_MS <= budget <= MOST_MS:
+            raise ValueError(
+                f"a budget of {budget:g} ms a frame is out of range; allowed: {LEAST_MS:g} to "
+                f"{MOST_MS:g} ms"
+            )
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
     study = Study(out, resume, say)
@@ -211,12 +219,15 @@ def main() -> None:
     organs = ("wall",) if chosen.quick else chosen.organ or ORGANS
     interactions = (COST_MOTION,) if chosen.quick else tuple(MOTIONS)
     console = Console(stderr=True)
-    with console.status("compiling") as status:
-        registry.warm_up()
-        result = run(
-            chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
-            status.update, () if chosen.quick else FITS,
-        )  # fmt: skip
+    try:
+        with console.status("compiling") as status:
+            registry.warm_up()
+            result = run(
+                chosen.out, organs, interactions, chosen.budget or BUDGETS_MS, chosen.resume,
+                status.update, () if chosen.quick else FITS,
+            )  # fmt: skip
+    except ValueError as error:
+        parser.error(str(error))
     if chosen.picture is not None:
         from viz_bridge.model_error_curves import draw_model_errors
 
