@@ -87,13 +87,13 @@ ROWS = (
     Row(
         "quasi-static, connected surfaces, one stiffness", 0.0661307 / 0.202279, "quasi_static",
         SWEEPS, ("force_step=0.01..2:log",), {"force_step": 0.967284 * 0.402214},
-        "quasi_static, connected surfaces", connected=True,
+        "quasi_static on connected surfaces", connected=True,
     ),
     Row(
         "quasi-static, connected surfaces, two stiffnesses", 0.0639859 / 0.202279, "quasi_static",
         SWEEPS, ("force_step=0.01..2:log", "springs.connecting=0.1..30:log"),
         {"force_step": 1.10633 * 0.197968, "springs.connecting": 0.755308 / 0.197968},
-        "quasi_static, connected surfaces", connected=True,
+        "quasi_static on connected surfaces", connected=True,
         note="springs.connecting: stiffness of connecting springs over that of the surfaces",
     ),
     Row(
