@@ -126,6 +126,7 @@ def subject_document(subject: Subject) -> dict[str, Any]:
     """A model, what was set on it, and what all of its parameters were then."""
     return {
         "label": subject.name,
+        "text": subject.text,
         "model": subject.model,
         "values": dict(subject.values),
         "parameters": registry.checked_parameters(subject.model, subject.parameters),
