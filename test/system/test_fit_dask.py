@@ -32,7 +32,7 @@ class Cluster:
         self._world, self._name, self._started = world, name, 0
         self._workers: list[str] = []
         world.start(name, "dask", "scheduler", *LOCAL, "--port", "0")
-        self.address = eventually(lambda: re.search(r"Scheduler at:\s+(\S+)\n", world.log(name)))[1]
+        self.address = self._logged(name, r"Scheduler at: +(\S+)\n")
 
     def with_workers(self, count: int) -> str:
         """The address, once so many workers are there."""
@@ -45,8 +45,12 @@ class Cluster:
                 "--no-nanny", "--local-directory", str(self._world.folder),
             )  # fmt: skip
         for name in self._workers:
-            eventually(lambda name=name: "Registered to" in self._world.log(name))
+            self._logged(name, r"Registered to: +(\S+)\n")
         return self.address
+
+    def _logged(self, name: str, pattern: str) -> str:
+        """What a process says, once it does."""
+        return eventually(lambda: re.findall(pattern, self._world.log(name)))[0]
 
     def end_scheduler(self) -> None:
         """Kill the scheduler."""
