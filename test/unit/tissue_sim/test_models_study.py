@@ -224,6 +224,12 @@ def test_the_study_is_shown_as_it_came_out(
             if each.label == chains
         ]
         assert max(found) - min(found) < 0.01
+    for budget in budgets:
+        heart = standings(rows.values(), "heart", budget)
+        assert heart[0].label == "finite_element"
+        if budget == min(budgets):
+            rest = [each for each in heart if not each.label.startswith("finite_element")]
+            assert min(each.relative() for each in rest) > 0.4
     # Spot check: with the stored steps the errors come out again.
     trial = Trial.of(load_organ("wall"), "normal", ("linear",))
     for label in ("chain_mail", "quasi_static"):
