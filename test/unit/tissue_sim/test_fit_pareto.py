@@ -52,14 +52,16 @@ def test_the_front_does_not_depend_on_the_order(
     ]
 
 
-def point(steps: float, error: float) -> SpeedPoint:
-    return SpeedPoint(steps, 1.0, Evaluation((0.5,), {"step": 1.0}, error, True, steps))
+def point(steps: float, error: float, stable: bool = True) -> SpeedPoint:
+    return SpeedPoint(steps, 1.0, Evaluation((0.5,), {"step": 1.0}, error, stable, steps))
 
 
 def test_the_fewest_steps_within_a_tolerance() -> None:
-    found = SpeedFront((point(1, 0.4), point(2, 0.5), point(3, 0.2), point(4, 0.2)))
+    found = SpeedFront(
+        (point(0.5, 1.2, False), point(1, 0.4), point(2, 0.5), point(3, 0.2), point(4, 0.2))
+    )
     assert [entry.steps for entry in found.front] == [1, 3]
-    assert found.fewest_steps_within(0.4).steps == 1
+    assert found.fewest_steps_within(2.0).steps == found.fewest_steps_within(0.4).steps == 1
     assert found.fewest_steps_within(0.3).steps == 3
     with pytest.raises(ValueError, match=r"within 0.1 of the worst.*0.2, with 3 steps a frame"):
         found.fewest_steps_within(0.1)

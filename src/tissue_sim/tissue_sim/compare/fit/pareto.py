@@ -50,9 +50,13 @@ class SpeedFront:
 
     @property
     def front(self) -> tuple[SpeedPoint, ...]:
-        """Those than which no other one is both as fast and as close: the Pareto front."""
-        chosen = pareto_front([(point.steps, point.best.error) for point in self.points])
-        return tuple(self.points[row] for row in chosen)
+        """Those than which no other one is both as fast and as close: the Pareto front.
+
+        Efforts at which the model is always lost are not among them.
+        """
+        stable = [point for point in self.points if point.best.stable]
+        chosen = pareto_front([(point.steps, point.best.error) for point in stable])
+        return tuple(stable[row] for row in chosen)
 
     def fewest_steps_within(self, tolerance: float) -> SpeedPoint:
         """The fewest steps with which the error is at most `tolerance` (1: the worst).
@@ -60,7 +64,7 @@ class SpeedFront:
         Raises:
             ValueError: It is larger at every effort; the message says the smallest.
         """
-        for point in self.points:
+        for point in self.front:
             if point.best.error <= tolerance:
                 return point
         closest = min(self.points, key=lambda point: point.best.error)
