@@ -25,10 +25,11 @@ COLUMNS = (
     "volume error", "ms a frame", "steps a frame",
 )  # fmt: skip
 
-PICTURE = (
-    " and the reference when they are farthest apart (mean over the nodes), and at the end; one "
-    "moment where that is the same. Colour: distance of each node, the same scale in all pictures "
-    "of this interaction, and its last colour for all that is more; black: held nodes."
+PICTURES = (
+    "Each target beside the reference when they are farthest apart (mean over the nodes), and at "
+    "the end; one moment where that is the same. Colour: distance of each node, on one scale in "
+    "all pictures of this interaction, with its last colour for all that is more. Black: held "
+    "nodes."
 )
 
 Draw = Callable[[Comparison], pictures.Pictures]
@@ -131,7 +132,10 @@ def _summary(comparisons: Sequence[Comparison]) -> str:
 def _section(comparison: Comparison, prefix: str, draw: Draw) -> str:
     ranking = comparison.ranking
     lost = [not target.trajectory.is_stable for target in ranking]
-    rows = [(target.subject.name, str(target.subject.effort), *cells(target)) for target in ranking]
+    rows = [
+        (target.subject.name, str(target.subject.effort).removesuffix(" a frame"), *cells(target))
+        for target in ranking
+    ]
     drawings = [
         (figures.over_time(comparison), "Mean over the nodes of the distance from the reference in "
          "each frame; the bands reach up to the 95th percentile of the nodes. Shaded: something "
@@ -164,11 +168,12 @@ def _section(comparison: Comparison, prefix: str, draw: Draw) -> str:
 def _maps(comparison: Comparison, prefix: str, draw: Draw) -> str:
     drawn = draw(comparison)
     parts = [markup.heading(3, "Where they differ")]
-    if drawn.message:
-        parts.append(markup.paragraph(drawn.message, "note"))
+    parts.append(
+        markup.paragraph(drawn.message, "note") if drawn.message else markup.paragraph(PICTURES)
+    )
     for target, png in zip(comparison.ranking, drawn.png, strict=False):
-        lost = "" if target.trajectory.is_stable else f" {lost_words(target)}."
-        parts.append(markup.image(pictures.data_uri(png), f"{target.subject.name}{PICTURE}{lost}"))
+        words = target.subject.name if target.trajectory.is_stable else lost_words(target)
+        parts.append(markup.image(pictures.data_uri(png), words))
     parts.append(
         markup.plot(
             figures.node_map(comparison),

@@ -69,7 +69,8 @@ def reference_words(comparison: Comparison) -> str:
     """What the reference is, in words."""
     subject, rows = comparison.reference_subject, comparison.reference.rows
     if subject is not None:
-        return f"{subject.name} ({subject.effort})"
+        model = f"{subject.model}, " if subject.label else ""
+        return f"{subject.name} ({model}{subject.effort})"
     part = "" if rows is None else f", {len(rows):,} nodes of it"
     return f"{comparison.reference.label}{part}"
 
