@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -48,7 +49,11 @@ def dask(problem: Problem, count: int) -> Iterator[Workers]:
     """A cluster on this machine."""
     with (
         LocalCluster(
-            n_workers=count, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+            n_workers=count,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=logging.ERROR,
         ) as cluster,
         DaskWorkers(problem, cluster.scheduler_address) as workers,
     ):
