@@ -13,12 +13,13 @@ from typing import Any
 from support.simulation_process import eventually
 
 COMMAND = "import sys; sys.argv[0] = 'tissue'; from tissue_sim.cli import main; main()"
-GENERATIONS = 12
+GENERATIONS = 10
 FIT = (
     "fit", "block", "--interaction", "oblique", "--reference", "quasi_static:levels=1000@3",
     "--target", "quasi_static:levels=1000@2", "--range", "step=0.1..1.99",
     "--range", "momentum=0..0.9", "--population", "8", "--generations", str(GENERATIONS),
-    "--processes", "1",
+    "--strategy", "ea",
+    "--processes", "1", "--rate", "15",
 )  # fmt: skip
 LIMIT = 200.0
 """Longest wait for a process [s]; only a failing test waits so long."""
@@ -60,15 +61,11 @@ def found(folder: Path) -> dict[str, Any]:
 
 def test_a_fit_that_is_killed_finds_the_same_when_it_is_resumed(tmp_path: Path) -> None:
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = start(tmp_path, "--out", str(killed))
-    kill(process, killed / "checkpoint.json")
+    uninterrupted = start(tmp_path, "--out", str(whole))
+    kill(start(tmp_path, "--out", str(killed)), killed / "checkpoint.json")
     assert not (killed / "result.json").exists()
-    others = (
-        start(tmp_path, "--out", str(killed), "--resume"),
-        start(tmp_path, "--out", str(whole)),
-    )
-    for other in others:
-        finish(other)
+    finish(start(tmp_path, "--out", str(killed), "--resume"))
+    finish(uninterrupted)
     assert found(killed) == found(whole)
     assert len(found(whole)["generations"]) == GENERATIONS
     assert (killed / "report.html").exists()

@@ -33,6 +33,7 @@ FIT = {
     "reference": "quasi_static:step=1.2@2",
     "target": "quasi_static@2",
     "ranges": {"step": "0.5..1.9", "momentum": "0..0.9"},
+    "strategy": "ea",
     "population": 6,
     "generations": 3,
     "processes": 1,
@@ -166,12 +167,21 @@ def test_interrupted_and_resumed_is_as_if_it_was_not(
 def test_a_value_at_its_bound_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, errors = tissue(
         capsys, "fit", "fit.yaml", "--reference", "quasi_static:step=1.9@2",
-        "--range", "step=0.1..0.3",
+        "--range", "step=0.1..0.3", "--range", "momentum=0..0.9", "--generations", "8",
     )  # fmt: skip
     assert code == 0, errors
     assert "at its upper bound" in out
-    assert "step is at its upper bound: a wider range may hold better values" in out
-    assert result("out")["best"]["at_bounds"] == {"step": "upper"}
+    assert "momentum is at its upper bound: a wider range may hold better values" in out
+    assert result("out")["best"]["at_bounds"]["momentum"] == "upper"
+
+
+def test_a_bound_of_the_model_itself_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, errors = tissue(
+        capsys, "fit", "fit.yaml", "--reference", "quasi_static:step=1.99@4",
+        "--target", "quasi_static@1", "--range", "step=0.1..1.99", "--generations", "8",
+    )  # fmt: skip
+    assert code == 0, errors
+    assert "step is at its upper bound: the model takes none beyond it" in out
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def fit(
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="ea (the thesis' evolutionary algorithm; default) or cma (CMA-ES)."),
+        typer.Option(help="cma (CMA-ES; default) or ea (the thesis' evolutionary algorithm)."),
     ] = None,
     population: Annotated[int | None, typer.Option(help="Candidates of a generation.")] = None,
     generations: Annotated[int | None, typer.Option(help="Generations; default 30.")] = None,

@@ -21,7 +21,7 @@ T = TypeVar("T")
 MEASURED = "measured"
 """The reference of a recording that says how the tissue moved."""
 
-STRATEGIES = ("ea", "cma")
+STRATEGIES = ("cma", "ea")
 KEYS = (
     "organ", "units", "fixed", "kind", "young", "poisson", "interactions", "rate_hz", "namespace",
     "epoch", "reference", "target", "ranges", "strategy", "population", "generations", "seed",
@@ -92,7 +92,7 @@ class FitSettings:
     rate_hz: float = 30.0
     namespace: str = ""
     epoch: int | None = None
-    strategy: str = "ea"
+    strategy: str = "cma"
     population: int | None = None
     generations: int = 30
     seed: int = 1
@@ -157,7 +157,7 @@ def _settings(items: Mapping[str, Item]) -> FitSettings:
         rate_hz=read("rate_hz", lambda item: item.number(minimum=1.0, maximum=1000.0), 30.0),
         namespace=read("namespace", Item.text, ""),
         epoch=read("epoch", lambda item: item.whole(1, 1_000_000), None),
-        strategy=read("strategy", lambda item: item.one_of(STRATEGIES), "ea"),
+        strategy=read("strategy", lambda item: item.one_of(STRATEGIES), "cma"),
         population=read("population", lambda item: item.whole(4, 10_000), None),
         generations=read("generations", lambda item: item.whole(1, 100_000), 30),
         seed=read("seed", lambda item: item.whole(0, 2**31 - 1), 1),
