@@ -149,7 +149,8 @@ def test_the_page_is_whole_and_needs_nothing_else(comparison: Comparison, tmp_pa
     assert len(set(found.ids)) == len(found.ids) == 7
     assert "plotly.js v" in text
     assert "<b>soft" not in found.words.replace("<b>soft & slow</b>", "")
-    for words in ("<b>soft & slow</b>", "tissue compare 'a <b>'", "exact (finite_element, to rest)", "64 nodes",
+    for words in ("<b>soft & slow</b>", "tissue compare 'a <b>'", "64 nodes",
+                  "exact (finite_element, to rest)",
                   "relaxation is unstable: lost in frame 3 of 6 (0.07 s)", "What they do not say",
                   comparison.organ.digest):  # fmt: skip
         assert words in found.words
