@@ -21,6 +21,7 @@ from tissue_sim.compare.interaction import held_along
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.subject import Subject, parse_subject
 from tissue_sim.compare.trajectory import TrajectoryError, only_held, simulate
+from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.kernels import distances
 
 
@@ -105,6 +106,17 @@ def test_springs_of_two_categories_are_two_values() -> None:
     errors = [at(problem, **{**both, name: 0.5 * both[name]}).error for name in both]
     assert min(errors) > 1e-3
     assert errors[0] != pytest.approx(errors[1], rel=0.1)
+
+
+def test_every_spring_gets_its_stiffness_at_both_of_its_ends(block: Problem) -> None:
+    network = SpringNetwork(block.organ.mesh, block.organ.material, np.float64)
+    stiffness = np.random.default_rng(2).random(network.rows)
+    network.set_stiffness(stiffness)
+    wanted = np.zeros(block.organ.mesh.node_rows)
+    for end in network.springs.ends[: network.rows].T:
+        np.add.at(wanted, end, stiffness)
+    nodes = np.arange(len(wanted), dtype=np.int32)
+    assert network.node_stiffness(nodes) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_a_model_that_is_lost_is_worse_the_sooner_it_is(block: Problem) -> None:
