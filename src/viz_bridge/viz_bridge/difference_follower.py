@@ -155,33 +155,29 @@ class DifferenceFollower:
 
     def advance(self) -> tuple[bool, Compared | None]:
         """Play the next frame that waits: whether there was one, and what came of it."""
-        if not self._waiting or (self.second is None and not self._begin()):
+        second = self.second or self._begin()
+        if second is None or not self._waiting or not self._shape_has_come():
             return False, None
-        if not self._waiting or not self._shape_has_come():
-            return False, None
-        while self._may_pass_over():
+        while self._may_pass_over(second):
             passed = self._waiting.popleft()[0]
             following, stamp = self._waiting[0]
             self._waiting[0] = merged(passed, following), stamp
         entry, stamp = self._waiting.popleft()
-        return True, self._play(entry, stamp)
+        return True, self._play(second, entry, stamp)
 
     def _shape_has_come(self) -> bool:
         entry = self._waiting[0][0]
         return self._shapes.has_come(entry.epoch, entry.frame) or len(self._waiting) > PATIENCE
 
-    def _may_pass_over(self) -> bool:
-        if not self._keep_up or len(self._waiting) < 2 or self.second is None:
-            return False
-        if self.second.simulation.model.time_step is not None:
+    def _may_pass_over(self, second: SecondModel) -> bool:
+        in_time = second.simulation.model.time_step is not None
+        if not self._keep_up or in_time or len(self._waiting) < 2:
             return False
         (entry, _), (following, _) = self._waiting[0], self._waiting[1]
         has_come = self._shapes.has_come(following.epoch, following.frame)
         return only_moves(entry.inputs) and has_come
 
-    def _play(self, entry: JournalEntry, stamp: int) -> Compared | None:
-        second = self.second
-        assert second is not None
+    def _play(self, second: SecondModel, entry: JournalEntry, stamp: int) -> Compared | None:
         frame = second.play(entry, self._shapes.before(entry.epoch, entry.frame))
         if frame.journal.version != entry.version:
             refused = [answer.message for answer in frame.answers if not answer.success]
@@ -198,17 +194,16 @@ class DifferenceFollower:
         if shape is None or len(shape) != len(frame.positions):
             self.unseen += 1
             return None
-        return self._compare(entry, stamp, frame.positions.copy(), shape)
+        return self._compare(second, entry, stamp, frame.positions.copy(), shape)
 
     def _compare(
         self,
+        second: SecondModel,
         entry: JournalEntry,
         stamp: int,
         positions: NDArray[np.float32],
         shape: NDArray[np.float32],
     ) -> Compared:
-        second = self.second
-        assert second is not None
         mesh = second.simulation.mesh
         alive = mesh.node_alive[: mesh.node_rows]
         apart = np.linalg.norm(positions.astype(np.float64) - shape, axis=1)
@@ -227,46 +222,46 @@ class DifferenceFollower:
 
     # Where it begins
 
-    def _begin(self) -> bool:
-        """Build the second model, if all that it needs has come."""
+    def _begin(self) -> SecondModel | None:
+        """Build the second model; None: what it needs has not come, or it is not possible."""
+        if not self._waiting or self._waiting[0][0].epoch != self._replica.epoch:
+            return None
         entry = self._waiting[0][0]
-        if entry.epoch != self._replica.epoch:
-            return False
+        self.joined = 0
         try:
             if entry.frame == 1 and self._first is not None:
                 mesh = topology_to_mesh(self._first)
                 self.second = SecondModel.from_start(self.subject, entry, mesh)
-                self.joined = 0
             else:
-                self._join()
+                self.second = self._join()
         except ValueError as error:
             self._refused = (self._replica.epoch, self._replica.version)
             self.problem = f"{self.subject.name} cannot follow: {error}"
-        if self.second is None:
-            return False
-        self.compared = self.unseen = 0
-        self._totals[:] = 0.0
-        self.problem = ""
-        return True
+        if self.second is not None:
+            self.compared = self.unseen = 0
+            self._totals[:] = 0.0
+            self.problem = ""
+        return self.second
 
-    def _join(self) -> None:
+    def _join(self) -> SecondModel | None:
         """Begin in the middle: with the newest shape, once the journal of its frame has come."""
         replica, latched = self._replica, self._latched
         shape, mesh = replica.shape_at(0), replica.mesh
         if shape is None or mesh is None or not set(NEEDED) <= set(latched):
-            return
+            return None
         if (replica.epoch, replica.version) == self._refused:
-            return
+            return None
         while len(self._waiting) > 1 and self._waiting[0][0].frame < shape.frame:
             self._waiting.popleft()
         entry = self._waiting[0][0]
         # Edits that are in the mesh already must not come again.
         if entry.frame != shape.frame or entry.version != mesh.version or len(self._waiting) < 2:
-            return
+            return None
         mesh = deepcopy(mesh)
         displacement = (shape.positions - mesh.rest[: mesh.node_rows]).astype(np.float32)
         scene = scene_in_the_middle(latched, [e.sim_time for e, _ in self._waiting], displacement)
         held = held_rows(latched, replica.epoch, mesh)
-        self.second = SecondModel.from_shape(self.subject, scene, entry, mesh, held)
+        second = SecondModel.from_shape(self.subject, scene, entry, mesh, held)
         self._waiting.popleft()
         self.joined = entry.frame
+        return second

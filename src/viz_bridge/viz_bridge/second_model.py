@@ -65,6 +65,31 @@ class FollowingSimulation(Simulation):
         self.state.displacement[free] = there[free]
         return self.hold(tool, taken, by_use, self.tools[tool].hold == FORCE)
 
+    def take_over(self, entry: JournalEntry, held: NDArray[np.int32]) -> None:
+        """Put tools where they are in a frame, and let those that grab have what is held then.
+
+        Each node goes to the nearest of them.
+
+        Args:
+            entry: The frame.
+            held: Rows that are held.
+        """
+        for sample in entry.inputs.tools:
+            if sample.tool in self.tools:
+                self.poses[sample.tool], self._pressed[sample.tool] = sample.pose, sample.use
+        grabs = [tool.id for tool in self.tools.values() if tool.kind == GRAB]
+        # Held by a request rather than by use: any tool that grabs may have it.
+        grabbing = [tool for tool in grabs if self._pressed.get(tool, False)] or grabs
+        if not grabbing or not len(held):
+            return
+        places = self.mesh.rest[held] + self.state.displacement[held]
+        tips = np.array([self.poses[tool][:3] for tool in grabbing])
+        nearest = np.linalg.norm(places[:, None] - tips, axis=2).argmin(axis=1)
+        for number, tool in enumerate(grabbing):
+            rows = held[nearest == number]
+            if len(rows):
+                self.hold(tool, rows, True, self.tools[tool].hold == FORCE)
+
 
 class SecondModel:
     """Plays a session's journal to another model.
@@ -108,8 +133,6 @@ class SecondModel:
     ) -> SecondModel:
         """Stand after a frame in the middle of a session.
 
-        What is held goes to the tools that grab then, each node to the nearest.
-
         Args:
             subject: The model.
             scene: What is known of the session, with its shape at that frame.
@@ -127,7 +150,7 @@ class SecondModel:
         )  # fmt: skip
         simulation = FollowingSimulation(mesh, scene, entry.epoch)
         simulation.frame, simulation.sim_time = entry.frame, entry.sim_time
-        _take_over(simulation, entry, held)
+        simulation.take_over(entry, held)
         return cls(subject, simulation)
 
     def play(self, entry: JournalEntry, seen: NDArray[np.float32] | None) -> Frame:
@@ -195,29 +218,3 @@ def merged(before: JournalEntry, entry: JournalEntry) -> JournalEntry:
 
 def _material(subject: Subject, mesh: Mesh, scene: Scene) -> Material:
     return subject.material(Organ(mesh.name, mesh, scene.material))
-
-
-def _take_over(
-    simulation: FollowingSimulation, entry: JournalEntry, held: NDArray[np.int32]
-) -> None:
-    """Put tools where they are, and let those that grab have what is held."""
-    grabbing = []
-    for sample in entry.inputs.tools:
-        if sample.tool not in simulation.tools:
-            continue
-        simulation.poses[sample.tool] = sample.pose
-        simulation._pressed[sample.tool] = sample.use
-        if simulation.tools[sample.tool].kind == GRAB and sample.use:
-            grabbing.append(sample.tool)
-    # Held by a request rather than by use: any tool that grabs may have it.
-    grabbing = grabbing or [tool.id for tool in simulation.tools.values() if tool.kind == GRAB]
-    if not grabbing or not len(held):
-        return
-    places = simulation.mesh.rest[held] + simulation.state.displacement[held]
-    tips = np.array([simulation.poses[tool][:3] for tool in grabbing])
-    nearest = np.linalg.norm(places[:, None] - tips, axis=2).argmin(axis=1)
-    for number, tool in enumerate(grabbing):
-        rows = held[nearest == number]
-        if len(rows):
-            by_force = simulation.tools[tool].hold == FORCE
-            simulation.hold(tool, rows, by_use=True, by_force=by_force)
