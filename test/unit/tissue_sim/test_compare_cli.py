@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from support.pulled_block import block_organ, pull_of
+from support.recorded_pull import pull_bag
 from tissue_sim.cli.main import BAD_INPUT, main
 from tissue_sim.compare.interaction import Interaction
 from tissue_sim.compare.trajectory import Trajectory
@@ -179,6 +180,19 @@ def test_files_of_another_topology_are_refused(
     code, _, err = tissue(capsys, small_wall, "-i", "normal", "-r", "pull.npz", "-t", "lr")
     assert code == BAD_INPUT
     assert Interaction.load(Path("pull.npz")).frames == 6
+
+
+def test_what_a_recording_measured_is_a_reference(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bag, _ = pull_bag(tmp_path / "recorded")
+    code, out, err = tissue(
+        capsys, "-i", str(bag), "-r", "measured", "-t", "quasi_static@2", "--no-pictures"
+    )
+    assert (code, err) == (0, "")
+    result = json.loads(Path("out/compare/result.json").read_text(encoding="utf-8"))
+    assert result["comparisons"][0]["reference"]["subject"] is None
+    assert "reference: " in out
 
 
 def test_bags_without_what_is_needed_are_refused(
