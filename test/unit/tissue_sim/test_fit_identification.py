@@ -23,7 +23,7 @@ LR = "lr:step=0.8,linear_factor=0.02@2"
 
 def itself(text: str, *ranges: str) -> Problem:
     """A model that is to be found again, from other values."""
-    block = block_problem(frames=6)
+    block = block_problem(nodes=3, frames=4)
     subject = parse_subject(text)
     (case,) = block.cases
     reference = simulate(subject, block.organ, case.interaction)
