@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -21,13 +22,15 @@ from tissue_sim.cli import fit as command
 from tissue_sim.cli.main import BAD_INPUT, INTERRUPTED, main
 from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.fit.scene_lines import scene_lines
+from tissue_sim.compare.interaction import Interaction
 from tissue_sim.compare.organs import SceneValues, load_organ
 from tissue_sim.compare.sources.motions import motion
 from tissue_sim.compare.subject import Subject, parse_subject
+from tissue_sim.compare.trajectory import simulate
 from tissue_sim.scene_file import read_scene
 from viz_bridge.bag_writer import BagWriter
 
-FIT = {
+FIT: dict[str, Any] = {
     "organ": "block",
     "interactions": ["pull.npz"],
     "reference": "quasi_static:step=1.2@2",
@@ -131,6 +134,27 @@ def test_what_tissue_fit_says_tissue_compare_confirms(capsys: pytest.CaptureFixt
     assert code == 0, errors
     compared = json.loads(Path("compared/result.json").read_text())
     assert compared["comparisons"][0]["targets"][0]["relative"] == pytest.approx(best["error"])
+
+
+def test_measured_markers_are_fitted_to(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Positions of some nodes, as a camera would see them, of tissue that is a known model."""
+    block, pull = load_organ("block"), Interaction.load(tmp_path / "pull.npz")
+    moved = simulate(parse_subject("quasi_static:step=1.2,momentum=0.3@2"), block, pull)
+    seen = np.union1d(pull.nodes, np.flatnonzero(~block.mesh.fixed[: block.mesh.node_rows])[::9])
+    rest = np.zeros((1, *moved.displacement.shape[1:]))
+    places = block.rest + np.concatenate([rest, moved.displacement])
+    held = np.isin(seen, pull.nodes)
+    np.savez(
+        tmp_path / "markers.npz", positions=places[:, seen], rate_hz=pull.rate_hz,
+        held=np.repeat(held[None], len(places), axis=0),
+    )  # fmt: skip
+    code, _, errors = tissue(
+        capsys, "fit", "fit.yaml", "--interaction", "markers.npz", "--reference", "measured",
+        "--generations", "6",
+    )  # fmt: skip
+    assert code == 0, errors
+    assert result("out")["cases"][0]["reference"] == f"{len(seen)} markers of markers"
+    assert result("out")["best"]["error"] < 0.1
 
 
 def test_the_same_seed_gives_the_same_and_another_does_not(

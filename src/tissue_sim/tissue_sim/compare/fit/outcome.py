@@ -151,8 +151,7 @@ def run_fit(settings: FitSettings, problem: Problem, out: Path, told: Told) -> F
 
 def _front(settings: FitSettings, problem: Problem, out: Path, told: Told) -> SpeedFront:
     def on_generation(steps: float, generation: Generation) -> None:
-        what = f"{steps:g} steps a frame"
-        told(what, generation.number, settings.generations, generation.best)
+        told(f"{steps:g} a frame", generation.number, settings.generations, generation.best)
 
     return speed_front(
         problem, settings.pareto, lambda start: strategy_of(settings, start),
