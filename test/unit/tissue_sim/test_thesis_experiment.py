@@ -207,6 +207,7 @@ def test_a_row_agrees_if_the_thesis_lies_in_its_range() -> None:
     assert spread["agrees"] is True
     above = rows_of([outcome(row, 0.3), outcome(row, 0.4)], [row])[0]
     assert above["agrees"] is False
+    assert "lies below our range" in above["note"]
     lost = rows_of([outcome(row, None)], [row])[0]
     assert lost["relative_range"] is None
     assert lost["parameters"] == {}

@@ -201,8 +201,16 @@ def _row(row: Row, outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "frames_per_second": float(np.median(speeds)) if speeds else None,
         "thesis_frames_per_second": row.thesis_fps,
         "with_thesis_values": _with_thesis_values(row, outcomes),
-        "note": row.note,
+        "note": _note(row, spread, agrees),
     }
+
+
+def _note(row: Row, spread: list[float] | None, agrees: bool | None) -> str:
+    if agrees is not False or row.thesis is None or spread is None:
+        return row.note
+    side = "below" if row.thesis < spread[0] else "above"
+    apart = f"the thesis' figure lies {side} our range: docs/thesis.md says why"
+    return "; ".join(part for part in (row.note, apart) if part)
 
 
 def _parameters(row: Row, outcomes: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
