@@ -42,7 +42,7 @@ class Cluster:
             self._workers.append(f"{self._name}_{self._started}")
             self._world.start(
                 self._workers[-1], "dask", "worker", self.address, *LOCAL, "--nthreads", "1",
-                "--no-nanny", "--local-directory", str(self._world.folder),
+                "--no-nanny", "--death-timeout", "60", "--local-directory", str(self._world.folder),
             )  # fmt: skip
         for name in self._workers:
             self._logged(name, r"Registered to: +(\S+)\n")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from tissue_sim.bench import machine
@@ -154,7 +155,7 @@ def print_result(result: dict[str, Any], console: Console) -> None:
         f"\n{GENERATIONS} generations, each waiting for the last one, would take:",
         highlight=False, soft_wrap=True,
     )  # fmt: skip
-    table = _table(("candidates", 10), *((f"{cores} cores", 9) for cores in CORES))
+    table = _table(("candidates \\ cores", 18), *((f"{cores}", 9) for cores in CORES))
     for population in POPULATIONS:
         table.add_row(
             f"{population}",
@@ -170,7 +171,7 @@ def print_result(result: dict[str, Any], console: Console) -> None:
 def _table(*headings: tuple[str, int]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for heading, least in headings:
-        table.add_column(heading, justify="right", no_wrap=True, min_width=least)
+        table.add_column(escape(heading), justify="right", no_wrap=True, min_width=least)
     return table
 
 
