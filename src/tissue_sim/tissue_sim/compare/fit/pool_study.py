@@ -21,7 +21,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from tissue_sim.bench import machine
-from tissue_sim.compare.fit.fit_study import QUICK, Size, exact_problem
+from tissue_sim.compare.fit.fit_trials import QUICK, Size, exact_problem
 from tissue_sim.compare.fit.pool_cost import WAYS, overhead, predicted, seconds_of
 from tissue_sim.compare.fit.problem import Problem
 from tissue_sim.compare.fit.workers import Serial, Workers
