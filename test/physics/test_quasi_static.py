@@ -250,7 +250,8 @@ def test_only_the_product_of_step_and_stiffness_matters() -> None:
 def test_a_step_for_the_force_goes_with_the_plain_sweep_only(model: str) -> None:
     with pytest.raises(ValueError, match="allowed with it: keep_until_rest = 0"):
         build(model, block_mesh(4), force_step=1e-3)
-    for other in ("momentum", "chebyshev"):
-        if model == "quasi_static":
-            with pytest.raises(ValueError, match=f"allowed with it: {other} = 0"):
-                build(model, block_mesh(4), force_step=1e-3, keep_until_rest=0, **{other: 0.5})
+    if model == "quasi_static":
+        with pytest.raises(ValueError, match="allowed with it: momentum = 0"):
+            build(model, block_mesh(4), force_step=1e-3, keep_until_rest=0, momentum=0.5)
+        with pytest.raises(ValueError, match="allowed with it: chebyshev = 0"):
+            build(model, block_mesh(4), force_step=1e-3, keep_until_rest=0, chebyshev=0.5)

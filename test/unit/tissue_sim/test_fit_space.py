@@ -98,7 +98,7 @@ def test_a_space_has_sides_and_each_of_them_once() -> None:
 
 def test_values_that_are_missing_or_out_of_bounds_have_no_point() -> None:
     space = Space((LINEAR, LOG))
-    with pytest.raises(ValueError, match="springs.stiffness has no value"):
+    with pytest.raises(ValueError, match=r"springs\.stiffness has no value"):
         space.encode({"step": 1.0})
     with pytest.raises(ValueError, match=r"step = 2 is out of bounds; allowed: 0.1 to 1.9"):
         space.encode({"step": 2.0, "springs.stiffness": 1.0})
