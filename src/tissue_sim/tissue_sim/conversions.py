@@ -30,6 +30,7 @@ from tissue_sim.geometry.sheet import SURFACE, Sheet, SheetStiffness
 from tissue_sim.geometry.sheet_rows import NO_ROW, WALL, SheetRows
 from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.geometry.sutures import FIRST_ID, Sutures
+from tissue_sim.interaction.contact import PARAMETERS as CONTACT
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
 
@@ -154,6 +155,8 @@ def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
     if tool.cutting:
         arguments["cutting"] = tool.cutting
         arguments["response"] = {item.name: float(getattr(tool, item.name)) for item in RESPONSE}
+    if tool.contact_stiffness:
+        arguments["contact"] = {item.name: float(getattr(tool, item.name)) for item in CONTACT}
     return arguments
 
 

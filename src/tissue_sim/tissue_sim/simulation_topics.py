@@ -152,6 +152,7 @@ class SimulationTopics:
             **spec.coupling.as_arguments(),
             cutting=spec.cutting,
             **spec.response.as_arguments(),
+            **spec.contact.as_arguments(),
         )
         conversions.fill(message.size, np.array(spec.size))
         return message
