@@ -19,7 +19,6 @@ from cut_service.burning import Burns, plan_burn
 from cut_service.errors import CutError
 from cut_service.proposals import Proposals
 from cut_service.sheet_tearing import plan_sheet_tear
-from cut_service.stress import ElementMaterial, element_material
 from cut_service.tearing import Tear, plan_tear
 from cut_service.unswept import work_without_sweep
 from cut_service.watch_parameters import WATCH_SPECS, WatchSettings
@@ -28,6 +27,7 @@ from tissue_sim import conversions, qos
 from tissue_sim.condition_topics import material_from_msg
 from tissue_sim.elastic.material_field import MaterialError, MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import ElementMaterial, element_material
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import BURN
