@@ -43,6 +43,7 @@ setup(
             "rerun_node = viz_bridge.rerun_node:main",
             "bag_node = viz_bridge.bag_node:main",
             "monitor = viz_bridge.monitor:main",
+            "readings_node = viz_bridge.readings_node:main",
         ],
     },
 )

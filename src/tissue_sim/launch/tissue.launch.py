@@ -17,6 +17,7 @@ ARGUMENTS = {
     "procedure": ("", "procedure to play (YAML); empty: none"),
     "bag": ("", "bag directory to record; empty: none"),
     "rrd": ("", "recording for rerun; empty: none"),
+    "readings": ("true", "whether to tell stress, strain and risk regions"),
     "page": ("true", "whether to serve the page for the mouse"),
     "namespace": ("", "namespace of all nodes"),
 }
@@ -64,6 +65,11 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
             parameters=[scene, {"sink": "file", "path": given["rrd"]}],
         )
         chosen.append(rerun)
+    if given["readings"].lower() in ("true", "1", "yes"):
+        readings = Node(
+            package="viz_bridge", executable="readings_node", namespace=where, parameters=[scene]
+        )
+        chosen.append(readings)
     if given["page"].lower() in ("true", "1", "yes"):
         page = Node(
             package="tool_input",

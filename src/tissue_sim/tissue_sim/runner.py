@@ -62,6 +62,7 @@ class RunOptions:
         bag: Whether to record a bag.
         recording: Whether to record for rerun.
         viewer: Whether to open rerun's viewer.
+        readings: Whether stress, strain and risk regions are told.
     """
 
     scene: str
@@ -77,6 +78,7 @@ class RunOptions:
     bag: bool
     recording: bool
     viewer: bool
+    readings: bool
 
 
 def run_scene(options: RunOptions) -> int:
@@ -152,6 +154,7 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         viewer=options.viewer and not options.headless,
         page=not options.headless,
         monitor=options.headless,
+        readings=options.readings,
     )
     return plan, frames
 

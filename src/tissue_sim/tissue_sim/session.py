@@ -32,6 +32,7 @@ BAG = "bag"
 RERUN = "rerun"
 MONITOR = "monitor"
 MOUSE = "mouse"
+READINGS = "readings"
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class SessionPlan:
         viewer: Whether rerun's viewer is opened.
         page: Whether the mouse page is served.
         monitor: Whether rates and latencies are counted.
+        readings: Whether stress, strain and risk regions are told.
         extra: Further parameters of nodes by process name.
     """
 
@@ -60,6 +62,7 @@ class SessionPlan:
     viewer: bool = False
     page: bool = False
     monitor: bool = True
+    readings: bool = False
     extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -104,6 +107,8 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
         specs.append(_node(plan, RERUN, "viz_bridge.rerun_node", sinks, viewer=True))
     if plan.monitor:
         specs.append(_node(plan, MONITOR, "viz_bridge.monitor", {"path": str(plan.monitor_file)}))
+    if plan.readings:
+        specs.append(_node(plan, READINGS, "viz_bridge.readings_node", {}, viewer=True))
     if plan.page:
         specs.append(_node(plan, MOUSE, "tool_input.mouse_node", {}, viewer=True))
     if plan.procedure is not None:
@@ -193,7 +198,12 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
-    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE,), (MONITOR, BAG, RERUN)):
+    for names in (
+        (SCRIPT, MOUSE),
+        (SIMULATION_PROCESS,),
+        (CUT_SERVICE, READINGS),
+        (MONITOR, BAG, RERUN),
+    ):
         there = [name for name in names if name in launcher.processes]
         if BAG in there:
             # On a busy machine seconds of a session may still wait in the recorders' queues.

@@ -37,6 +37,10 @@ def run(
     bag: Annotated[bool, typer.Option("--bag/--no-bag", help="Record a bag.")] = True,
     rrd: Annotated[bool, typer.Option("--rrd/--no-rrd", help="Record for rerun.")] = False,
     viewer: Annotated[bool, typer.Option("--viewer", help="Open rerun's viewer.")] = False,
+    readings: Annotated[
+        bool,
+        typer.Option("--readings/--no-readings", help="Tell stress, strain and risk regions."),
+    ] = True,
 ) -> None:
     """Simulate a scene or any mesh until Ctrl-C, or for some frames.
 
@@ -57,5 +61,6 @@ def run(
         bag=bag,
         recording=rrd,
         viewer=viewer,
+        readings=readings,
     )
     raise typer.Exit(run_scene(options))

@@ -7,13 +7,15 @@ deformed tissue is sigma = 2 mu (V - 1) + lambda tr(V - 1) 1 with V = R S R^T, t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.material_field import MaterialField
+from tissue_sim.elastic.model import Material
+from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.kernels.strain import STRAIN_FAST, left_cauchy_green, principal_stretches
 
 Rows = NDArray[np.int32]
@@ -45,6 +47,17 @@ def element_material(field: MaterialField) -> ElementMaterial:
     """What stress needs of a mesh's material."""
     matter = field.matter
     return ElementMaterial(matter.kind, np.ascontiguousarray(matter.table[:, :2]))
+
+
+def material_without_fibres(mesh: Mesh, material: Material) -> ElementMaterial:
+    """What stress needs of a mesh's material where nobody knows how fibres run: they add none.
+
+    Raises:
+        MaterialError: The mesh lacks a region that the material is for.
+    """
+    regions = tuple(replace(part, fibre_stiffness=0.0) for part in material.regions)
+    field = MaterialField(mesh, replace(material, fibre_stiffness=0.0, regions=regions))
+    return element_material(field)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=STRAIN_FAST)
