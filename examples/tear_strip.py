@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cut_service.planner import Settings, plan
-from cut_service.stress import element_material, stresses_of
 from cut_service.sweep import Sweep
 from cut_service.tearing import Tear, TearSettings, plan_tear
 from cut_service.unswept import work_without_sweep
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import element_material, stresses_of
 from tissue_sim.frame import Budget, FrameInputs, ToolSample
 from tissue_sim.geometry.components import parts_of
 from tissue_sim.geometry.mesh import Mesh

@@ -44,6 +44,7 @@ setup(
             "replay_node = tool_input.replay_node:main",
             "mouse_node = tool_input.mouse_node:main",
             "crtk_node = tool_input.crtk_node:main",
+            "joy_node = tool_input.joy_node:main",
         ],
     },
 )

@@ -44,6 +44,7 @@ setup(
             "bag_node = viz_bridge.bag_node:main",
             "difference_node = viz_bridge.difference_node:main",
             "monitor = viz_bridge.monitor:main",
+            "readings_node = viz_bridge.readings_node:main",
         ],
     },
 )

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from cut_service.planner import Settings, plan
-from cut_service.stress import element_material
 from cut_service.sweep import Sweep
 from cut_service.tearing import Tear, TearSettings, plan_tear
 from cut_service.unswept import work_without_sweep
 from support.valid_mesh import check_valid
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import element_material
 from tissue_sim.frame import Budget, Edge, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh

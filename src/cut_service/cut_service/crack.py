@@ -19,8 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from cut_service.neighbours import NOBODY, Links, across
-from cut_service.stress import ElementMaterial, stresses_of
 from cut_service.work import Work
+from tissue_sim.elastic.stress import ElementMaterial, stresses_of
 
 Rows = NDArray[np.int32]
 Reals = NDArray[np.float64]

@@ -13,7 +13,6 @@ from cut_service.patching import PatchCode, PatchError, Wanted, plan_patch
 from cut_service.planner import Settings, plan
 from cut_service.rim import plan_rim
 from cut_service.sheet_tearing import SheetTearSettings, plan_sheet_tear
-from cut_service.stress import element_material
 from cut_service.suturing import (
     FARTHEST_REACH,
     Sewing,
@@ -29,6 +28,7 @@ from cut_service.trial import VOLUME_KEPT, VOLUME_SNAPPED, Reals, Trial
 from cut_service.unswept import work_without_sweep
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import element_material
 
 SOFT = Material(young_modulus=5e4, poisson_ratio=0.3)
 SHARES = (0.03, 0.1, 0.3, 3.0)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cut_service.crack import Cut, Fan, add, best_fan, inner_faces, on_surface, taken_back
 from cut_service.pieces import piece_of
-from cut_service.stress import ElementMaterial, pulled_hard, stresses_of
 from cut_service.ungluing import Ungluing, unglue, unglue_at
 from cut_service.work import Work, face_nodes
+from tissue_sim.elastic.stress import ElementMaterial, pulled_hard, stresses_of
 from tissue_sim.geometry.edit import PROVISIONAL, TopologyEdit
 from tissue_sim.geometry.faces import LOCAL_FACES
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,15 +18,15 @@ from cut_service.burning import Burns, plan_burn
 from cut_service.errors import CutError
 from cut_service.proposals import Proposals
 from cut_service.sheet_tearing import plan_sheet_tear
-from cut_service.stress import ElementMaterial, element_material
 from cut_service.tearing import Tear, plan_tear
 from cut_service.unswept import work_without_sweep
 from cut_service.watch_parameters import WATCH_SPECS, WatchSettings
 from cut_service.work import Settings
 from tissue_sim import conversions, qos
 from tissue_sim.condition_topics import material_from_msg
-from tissue_sim.elastic.material_field import MaterialError, MaterialField
+from tissue_sim.elastic.material_field import MaterialError
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import ElementMaterial, material_without_fibres
 from tissue_sim.geometry.edit import EditChange
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction.tools import BURN
@@ -194,10 +193,7 @@ class TissueWatch:
         known = self._field
         if known is None or known[0] is not mesh or known[1] != mesh.version:
             # How fibres run is not in a keyframe: their stress is left out.
-            own = self._material[1]
-            regions = tuple(replace(part, fibre_stiffness=0.0) for part in own.regions)
-            field = MaterialField(mesh, replace(own, fibre_stiffness=0.0, regions=regions))
-            known = (mesh, mesh.version, element_material(field))
+            known = (mesh, mesh.version, material_without_fibres(mesh, self._material[1]))
             self._field = known
         return known[2]
 

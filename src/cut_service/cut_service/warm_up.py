@@ -8,12 +8,12 @@ import numpy as np
 
 from cut_service.burning import Burns, BurnSettings, Touch, plan_burn
 from cut_service.planner import METHODS, SHEET_METHOD, plan
-from cut_service.stress import element_material
 from cut_service.sweep import Sweep
 from cut_service.tearing import TearSettings, plan_tear
 from cut_service.unswept import work_without_sweep
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import element_material
 from tissue_sim.geometry.closure import Pieces, measure
 from tissue_sim.geometry.holes import Surface, name_hole
 from tissue_sim.geometry.mesh import Mesh

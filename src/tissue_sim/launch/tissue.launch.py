@@ -18,6 +18,7 @@ ARGUMENTS = {
     "bag": ("", "bag directory to record; empty: none"),
     "rrd": ("", "recording for rerun; empty: none"),
     "difference": ("", "second model to compare the session with; empty: none"),
+    "readings": ("false", "whether to tell stress, strain and risk regions"),
     "page": ("true", "whether to serve the page for the mouse"),
     "namespace": ("", "namespace of all nodes"),
 }
@@ -73,6 +74,11 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
             parameters=[scene, {"model": given["difference"]}],
         )
         chosen.append(difference)
+    if given["readings"].lower() in ("true", "1", "yes"):
+        readings = Node(
+            package="viz_bridge", executable="readings_node", namespace=where, parameters=[scene]
+        )
+        chosen.append(readings)
     if given["page"].lower() in ("true", "1", "yes"):
         page = Node(
             package="tool_input",

@@ -9,7 +9,7 @@ from tissue_sim.elastic import registry
 from tissue_sim.frame import Answer, AppliedEdit, Command
 from tissue_sim.geometry.edit import UNDO, EditError
 from tissue_sim.geometry.edit_history import NoEditError
-from tissue_sim.interaction.tools import LARGEST, SPHERE, ToolError, ToolSpec
+from tissue_sim.interaction.tools import GRAB, LARGEST, SHAPES, ToolError, ToolSpec
 
 if TYPE_CHECKING:
     from tissue_sim.simulation import Simulation
@@ -53,15 +53,15 @@ def _tool(simulation: Simulation, name: str) -> ToolSpec:
 def _grab(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _Result:
     tool = _tool(simulation, str(arguments["tool"]))
     radius = float(arguments.get("radius", 0.0))
-    if radius == 0.0 and tool.shape == SPHERE:
-        radius = tool.size[0]
-    if not 0.0 < radius <= LARGEST:
+    own_shape = radius == 0.0 and tool.shape in SHAPES[GRAB]
+    if not own_shape and not 0.0 < radius <= LARGEST:
         raise CommandError(
             "OUT_OF_RANGE", f"radius = {radius:g} m is not allowed; allowed: up to {LARGEST:g} m"
         )
     hold = simulation.grab(tool.id, radius, by_use=False)
     if hold is None:
-        raise CommandError("NOTHING_THERE", f"no free node within {radius:g} m of {tool.id}'s tip")
+        where = f"inside {tool.id}" if own_shape else f"within {radius:g} m of {tool.id}'s tip"
+        raise CommandError("NOTHING_THERE", f"no free node {where}")
     values = {"hold_id": hold.id, "nodes": len(hold.rows), "taken": len(hold.waiting)}
     taken = f", {len(hold.waiting)} held already" if len(hold.waiting) else ""
     return f"{tool.id} holds {len(hold.rows)} nodes{taken}", values
@@ -89,6 +89,8 @@ def _set_tool(simulation: Simulation, arguments: Mapping[str, Any], _: str) -> _
     if there is not None and "cutting" not in arguments and there.kind == arguments.get("kind"):
         kept = there.as_arguments()
         arguments = {**arguments, "cutting": kept["cutting"], "response": kept["response"]}
+    if there is not None and "contact" not in arguments and there.kind == arguments.get("kind"):
+        arguments = {**arguments, "contact": there.contact.as_arguments()}
     try:
         tool = ToolSpec.from_arguments(arguments)
     except ToolError as error:

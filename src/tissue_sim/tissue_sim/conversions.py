@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -19,6 +20,7 @@ from tissue_interfaces.msg import Tool as ToolMsg
 from tissue_interfaces.msg import ToolSample as ToolSampleMsg
 from tissue_interfaces.msg import TopologyEdit as EditMsg
 
+from tissue_sim.diagnostics import Finding
 from tissue_sim.frame import Command, Cut, FrameInputs, JournalEntry, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.incidence import Incidence
@@ -30,6 +32,7 @@ from tissue_sim.geometry.sheet import SURFACE, Sheet, SheetStiffness
 from tissue_sim.geometry.sheet_rows import NO_ROW, WALL, SheetRows
 from tissue_sim.geometry.surface import surface_triangles
 from tissue_sim.geometry.sutures import FIRST_ID, Sutures
+from tissue_sim.interaction.contact import PARAMETERS as CONTACT
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
 
@@ -154,6 +157,8 @@ def tool_arguments(tool: ToolMsg) -> dict[str, Any]:
     if tool.cutting:
         arguments["cutting"] = tool.cutting
         arguments["response"] = {item.name: float(getattr(tool, item.name)) for item in RESPONSE}
+    if tool.contact_stiffness:
+        arguments["contact"] = {item.name: float(getattr(tool, item.name)) for item in CONTACT}
     return arguments
 
 
@@ -553,3 +558,22 @@ def sweep_message(
     fill(message.vertices, vertices)
     fill(message.triangles, triangles)
     return message
+
+
+# Diagnostics
+
+
+def diagnostics(name: str, findings: Sequence[Finding], stamp: Time) -> DiagnosticArray:
+    """What a node of this name found, as /diagnostics carries it."""
+    array = DiagnosticArray(header=header("", stamp))
+    array.status = [
+        DiagnosticStatus(
+            level=bytes([finding.level]),
+            name=f"{name}: {finding.name}",
+            message=finding.message,
+            hardware_id=name,
+            values=[KeyValue(key=key, value=value) for key, value in finding.values.items()],
+        )
+        for finding in findings
+    ]
+    return array

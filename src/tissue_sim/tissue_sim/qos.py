@@ -32,6 +32,9 @@ unchecked."""
 MEASURED = _profile(1)
 """tools/<tool>/measured_cp and measured_cf."""
 
+READINGS = _profile(10)
+"""tissue/readings: a warning that is over is told of once."""
+
 USE = _profile(100)
 """tools/<tool>/use and tools/<tool>/clutch: every edge counts."""
 

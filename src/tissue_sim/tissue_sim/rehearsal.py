@@ -16,7 +16,14 @@ from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, surface_o
 from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.cut_response import CutResponse
-from tissue_sim.interaction.tools import CUT, PROGRESSIVE, RECTANGLE, ToolSpec
+from tissue_sim.interaction.tools import (
+    CAPSULE,
+    CUT,
+    PROBE,
+    PROGRESSIVE,
+    RECTANGLE,
+    ToolSpec,
+)
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
@@ -39,6 +46,8 @@ def rehearse(sheet: bool = False) -> None:
     _rehearse(Scene(tools=(replace(TOOL, hold=FORCE),)))
     blade = replace(TOOL, kind=CUT, shape=RECTANGLE, size=(0.01, 0.01), cutting=PROGRESSIVE)
     _rehearse(Scene(tools=(replace(blade, response=CutResponse(toughness=1.0)),)))
+    _rehearse(Scene(tools=(replace(TOOL, kind=PROBE),)))
+    _rehearse(Scene(tools=(replace(TOOL, shape=CAPSULE, size=(0.002, 0.01)),)))
     _rehearse(Scene(model="vertex_block_descent", predictor="lr", tools=(TOOL,)))
     for name in registry.names() if sheet else ():
         if not registry.MODELS[name].needs_tetrahedra:

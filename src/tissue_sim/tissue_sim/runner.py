@@ -70,6 +70,7 @@ class RunOptions:
         viewer: Whether to open rerun's viewer.
         difference: Second model to compare the session with (`compare.subject.parse_subject`);
             empty: none.
+        readings: Whether stress, strain and risk regions are told.
     """
 
     scene: str
@@ -86,6 +87,7 @@ class RunOptions:
     record_state_hz: float
     recording: bool
     viewer: bool
+    readings: bool = False
     difference: str = ""
 
 
@@ -168,6 +170,7 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         page=not options.headless,
         monitor=options.headless,
         difference=options.difference,
+        readings=options.readings,
     )
     return plan, frames
 

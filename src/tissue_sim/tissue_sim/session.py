@@ -34,6 +34,7 @@ RERUN = "rerun"
 MONITOR = "monitor"
 MOUSE = "mouse"
 DIFFERENCE = "difference"
+READINGS = "readings"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class SessionPlan:
         page: Whether the mouse page is served.
         monitor: Whether rates and latencies are counted.
         difference: Second model that the session is compared with; empty: none.
+        readings: Whether stress, strain and risk regions are told.
         extra: Further parameters of nodes by process name.
     """
 
@@ -64,6 +66,7 @@ class SessionPlan:
     page: bool = False
     monitor: bool = True
     difference: str = ""
+    readings: bool = False
     extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -113,6 +116,8 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
         )  # fmt: skip
     if plan.monitor:
         specs.append(_node(plan, MONITOR, "viz_bridge.monitor", {"path": str(plan.monitor_file)}))
+    if plan.readings:
+        specs.append(_node(plan, READINGS, "viz_bridge.readings_node", {}, viewer=True))
     if plan.page:
         specs.append(_node(plan, MOUSE, "tool_input.mouse_node", {}, viewer=True))
     if plan.procedure is not None:
@@ -215,8 +220,13 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
-    followers = (DIFFERENCE,), (MONITOR, BAG, RERUN)
-    for names in ((SCRIPT, MOUSE), (SIMULATION_PROCESS,), (CUT_SERVICE,), *followers):
+    for names in (
+        (SCRIPT, MOUSE),
+        (SIMULATION_PROCESS,),
+        (CUT_SERVICE, READINGS),
+        (DIFFERENCE,),
+        (MONITOR, BAG, RERUN),
+    ):
         there = [name for name in names if name in launcher.processes]
         if {BAG, DIFFERENCE} & set(there):
             # On a busy machine seconds of a session may still wait in the recorders' queues.

@@ -36,10 +36,12 @@ from tissue_sim.geometry.sutures import tensions
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.holds import Hold, Holds
 from tissue_sim.interaction.patch import Patch
+from tissue_sim.interaction.probes import Probes
+from tissue_sim.interaction.reach import nodes_in_sphere, nodes_inside
 from tissue_sim.interaction.reaction import NOTHING, wrench_on_tool
 from tissue_sim.interaction.seeding import Seeding
-from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, PATCH, ToolSpec, blade
-from tissue_sim.kernels.positions import nodes_within, place_nodes
+from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, PATCH, PROBE, ToolSpec, blade
+from tissue_sim.kernels.positions import place_nodes
 from tissue_sim.progressive import ProgressiveCuts
 from tissue_sim.scene import Scene
 
@@ -68,6 +70,7 @@ class Simulation:
         poses: Pose of every tool as used last, shape (7,) each.
         holds: What the tools hold.
         blades: What the tools that cut as they move have passed.
+        probes: What the tools that probe touch.
         history: The edits made, to undo and redo them.
         lost_states: Frames whose state was not finite or exploded, and was restored.
     """
@@ -101,13 +104,14 @@ class Simulation:
         self.poses: dict[str, NDArray[np.float64]] = {}
         self.holds = Holds(mesh)
         self.blades = ProgressiveCuts(self)
+        self.probes = Probes(mesh)
         for tool in self.scene.tools:
             self.set_tool(tool.checked())
         self.frame, self.sim_time, self.lost_states = 0, 0.0, 0
         self.paused = False
         self.model: Model = self.build_model(self.scene.model, {})
         self.model_parameters = dict(self.scene.parameters.get(self.scene.model, {}))
-        self.model.prescribed_changed(self.state, self.holds.rows)
+        self.model.prescribed_changed(self.state, self._moved_by_tools)
         self._seeding.warm_up(self._network)
         predictor = self.scene.predictor
         self._predictor = predictor_of(
@@ -139,15 +143,21 @@ class Simulation:
     # What commands do
 
     def grab(self, tool: str, radius: float, by_use: bool) -> Hold | None:
-        """Hold the nodes within `radius` [m] of a tool's tip; None if there is none."""
-        mesh, wanted = self.mesh, np.empty(self.mesh.node_rows, dtype=np.int32)
-        count = nodes_within(
-            mesh.rest, self.state.displacement, mesh.node_alive, mesh.fixed, mesh.node_rows,
-            self.poses[tool][:3], radius, wanted,
-        )  # fmt: skip
-        if not count:
+        """Hold the nodes inside a tool's shape; None if there is none.
+
+        Args:
+            tool: Its id.
+            radius: Of a sphere around its tip to take instead [m]; 0: its own shape.
+            by_use: Whether it was pressed.
+        """
+        spec, pose = self.tools[tool], self.poses[tool]
+        if radius > 0.0:
+            wanted = nodes_in_sphere(self.mesh, self.state, pose[:3], radius)
+        else:
+            wanted = nodes_inside(self.mesh, self.state, spec, pose)
+        if not len(wanted):
             return None
-        return self.hold(tool, wanted[:count].copy(), by_use, self.tools[tool].hold == FORCE)
+        return self.hold(tool, wanted, by_use, spec.hold == FORCE)
 
     def hold(self, tool: str, rows: NDArray[np.int32], by_use: bool, by_force: bool) -> Hold:
         """Hold some nodes, none of them fixed."""
@@ -216,7 +226,7 @@ class Simulation:
         self.model_parameters = {**self.scene.parameters.get(name, {}), **parameters}
         self.state.previous[:] = self.state.displacement
         self._owed = 0.0
-        self.model.prescribed_changed(self.state, self.holds.rows)
+        self.model.prescribed_changed(self.state, self._moved_by_tools)
         if self._predictor is not None and not self.model.takes_guess:
             self._events.append(f"model {name} takes no prediction: {self.scene.predictor} waits")
         self.holds.forget_stiffness()
@@ -286,6 +296,7 @@ class Simulation:
         step_seconds: list[float] = []
         if not self.paused:
             self.holds.place(self.mesh, self.state.displacement, self.poses)
+            self._find_contacts()
             step_seconds = self._step(budget)
             seconds = self.model.time_step
             self.sim_time += (
@@ -364,6 +375,7 @@ class Simulation:
         carried = self._carry(change)
         touched = change.nodes
         self.state.prescribed[touched] = self.mesh.fixed[touched] | (self.holds.owner[touched] != 0)
+        self.probes.forget()
         self.model.topology_changed(change, self.state)
         if self._predictor is not None:
             self._predictor.topology_changed(change, self.state)
@@ -418,8 +430,8 @@ class Simulation:
             if sample.edge == -1 or (sample.edge == 1 and tool.kind == GRAB):
                 self.release([h for h in self.holds.of_tool(tool.id) if h.by_use])
             if sample.edge == 1 and tool.kind == GRAB:
-                if self.grab(tool.id, tool.size[0], by_use=True) is None:
-                    self._events.append(f"{tool.id} holds nothing: no free node within its radius")
+                if self.grab(tool.id, 0.0, by_use=True) is None:
+                    self._events.append(f"{tool.id} holds nothing: no free node inside its shape")
             elif sample.edge == 1 and tool.kind == CUT and tool.cutting == AT_USE:
                 cuts.append(Cut(tool.id, sample.stamp, *blade(tool, sample.pose)))
         self._events += self.blades.events
@@ -437,7 +449,7 @@ class Simulation:
         end = min(time.perf_counter() + budget.seconds, budget.until)
         if self._predictor is not None:
             self._predictor.predict(self.model, self.state)
-        pulled = self._pulled_holds()
+        pulled, probing = self._pulled_holds(), self._probing()
         seconds: list[float] = []
         longest, last = 0.0, time.perf_counter()
         while True:
@@ -448,14 +460,38 @@ class Simulation:
                     self.poses[hold.tool], self.model, self.state, self.mesh, hold.rows, hold.local,
                     alone=len(self.holds) == 1,
                 )  # fmt: skip
+            if probing:
+                self.probes.advance(probing, self.state, self.model, 1.0 / self.scene.rate_hz)
             self.model.step(self.state)
             now = time.perf_counter()
             seconds.append(now - last)
             longest = max(longest, now - last)
-            idle = self.model.idle and all(patch.settled for _, patch in pulled)
+            idle = self.model.idle and not probing and all(patch.settled for _, patch in pulled)
             if steps is None and (now + LONGER * longest > end or idle):
                 return seconds
             last = now
+
+    def _probing(self) -> list[tuple[ToolSpec, NDArray[np.float64]]]:
+        """Probes in use, and their poses."""
+        return [
+            (tool, self.poses[tool.id])
+            for tool in self.tools.values()
+            if tool.kind == PROBE and self._pressed.get(tool.id, False)
+        ]
+
+    def _find_contacts(self) -> None:
+        """Find what probes touch; the model is told when that is something else."""
+        probing = self._probing()
+        if not probing and not len(self.probes.rows):
+            return
+        if self.probes.begin(probing, self.state, self.model, self.holds.owner != 0):
+            self._holds_changed()
+
+    @property
+    def _moved_by_tools(self) -> NDArray[np.int32]:
+        """Rows of the nodes that tools hold or push, sorted."""
+        held = self.holds.rows
+        return held if not len(self.probes.rows) else np.union1d(held, self.probes.rows)
 
     def _pulled_holds(self) -> list[tuple[Hold, Patch]]:
         """Holds by force and their patches, ready for the steps of this frame."""
@@ -489,16 +525,19 @@ class Simulation:
         place_nodes(rest, displacement[:rows], self._limit, positions)
         for patch in self.holds.patches:
             patch.restore()
+        self.probes.forget()
         # The model may remember what it made of the lost state.
-        self.model.prescribed_changed(self.state, self.holds.rows)
+        self.model.prescribed_changed(self.state, self._moved_by_tools)
         if self._predictor is not None:
             self._predictor.restart(self.state)
         return positions, lost
 
     def _wrenches(self) -> dict[str, NDArray[np.float64]]:
         wrenches = dict(self.blades.wrenches)
-        if not self.model.has_forces or not len(self.holds):
+        if not self.model.has_forces:
             return wrenches
+        for tool, pose in self._probing():
+            wrenches[tool.id] = self.probes.wrench(tool.id, pose, self.state)
         for hold in self.holds.by_id.values():
             pose = self.poses[hold.tool]
             if hold.patch is not None:
@@ -521,11 +560,12 @@ class Simulation:
 
     def _holds_changed(self) -> None:
         np.logical_or(self.mesh.fixed, self.holds.owner != 0, out=self.state.prescribed)
+        self.state.prescribed[self.probes.rows] = True
         if self._unseeded and not self.paused:
             freed = np.unique(np.concatenate(self._unseeded))
             self._unseeded.clear()
             seeded = self._seeding.seed(self.state, freed, self._network)
             self.model.nodes_placed(seeded)
-        self.model.prescribed_changed(self.state, self.holds.rows)
+        self.model.prescribed_changed(self.state, self._moved_by_tools)
         if self._predictor is not None:
-            self._predictor.prescribed_changed(self.state, self.holds.rows)
+            self._predictor.prescribed_changed(self.state, self._moved_by_tools)

@@ -21,6 +21,8 @@ from tissue_sim.geometry.sheet_geometry import (
     VOLUME,
     SheetSettings,
 )
+from tissue_sim.interaction.contact import PARAMETERS as CONTACT
+from tissue_sim.interaction.contact import Contact
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 from tissue_sim.interaction.coupling import PARAMETERS as COUPLING
 from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
@@ -193,7 +195,8 @@ def tool_specs(tools: Iterable[str]) -> list[Spec]:
             Spec(f"{base}.shape", "string", "", "Its shape; empty: the first of its kind.",
                  choices=("", *_ALL_SHAPES)),
             Spec(f"{base}.size", "doubles", [0.005],
-                 "sphere: radius; rectangle: length along x, depth along z; triangle: same.",
+                 "sphere: radius; box: lengths along x, y, z; capsule: radius, length along z; "
+                 "rectangle and triangle: length along x, depth along z.",
                  unit="m", minimum=SMALLEST, maximum=LARGEST),
             Spec(f"{base}.position", "doubles", [0.0, 0.0, 0.0], "Where its tip starts.",
                  unit="m", length=3),
@@ -211,6 +214,7 @@ def tool_specs(tools: Iterable[str]) -> list[Spec]:
                  "How a blade cuts: at_use once where it is pressed, progressive all it passes.",
                  choices=CUTTING),
             *[_number(base, parameter) for parameter in RESPONSE],
+            *[_number(base, parameter) for parameter in CONTACT],
             Spec(f"{base}.owner", "string", "scene", "Who set it."),
         ]  # fmt: skip
     return specs
@@ -456,6 +460,7 @@ def _tool(values: Mapping[str, Any], tool: str) -> ToolSpec:
         coupling=Coupling(**{item.name: values[f"{base}.{item.name}"] for item in COUPLING}),
         cutting=values[f"{base}.cutting"],
         response=CutResponse(**{item.name: values[f"{base}.{item.name}"] for item in RESPONSE}),
+        contact=Contact(**{item.name: values[f"{base}.{item.name}"] for item in CONTACT}),
     )
     try:
         return spec.checked()

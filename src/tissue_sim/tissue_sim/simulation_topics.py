@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
@@ -152,24 +152,14 @@ class SimulationTopics:
             **spec.coupling.as_arguments(),
             cutting=spec.cutting,
             **spec.response.as_arguments(),
+            **spec.contact.as_arguments(),
         )
         conversions.fill(message.size, np.array(spec.size))
         return message
 
     def publish_diagnostics(self, name: str, findings: Sequence[Finding], stamp: Time) -> None:
         """Publish findings under the node's name."""
-        array = DiagnosticArray(header=conversions.header("", stamp))
-        array.status = [
-            DiagnosticStatus(
-                level=bytes([finding.level]),
-                name=f"{name}: {finding.name}",
-                message=finding.message,
-                hardware_id=name,
-                values=[KeyValue(key=key, value=value) for key, value in finding.values.items()],
-            )
-            for finding in findings
-        ]
-        self.diagnostics.publish(array)
+        self.diagnostics.publish(conversions.diagnostics(name, findings, stamp))
 
 
 class ToolTopics:

@@ -51,8 +51,13 @@ ACTIONS = {
 }
 """Actions of the timeline, and the keys each may have besides itself and `at`."""
 
-SHAPES = {"cut": ("rectangle", "triangle"), "patch": ("rectangle",)}
-"""Shapes of tools that are no spheres."""
+SHAPES = {
+    "grab": ("sphere", "box", "capsule"),
+    "cut": ("rectangle", "triangle"),
+    "patch": ("rectangle",),
+    "probe": ("sphere", "capsule"),
+}
+"""Shapes of tools by kind; of other kinds they are spheres."""
 
 DEFAULT_USE_SECONDS = 0.1
 
@@ -69,7 +74,7 @@ class ProcedureTool:
 
     Attributes:
         name: Its name in topics.
-        kind: "grab", "cut", "burn" or "patch".
+        kind: "grab", "cut", "burn", "patch" or "probe".
         shape: "sphere", "rectangle" or "triangle"; empty: as the scene has it.
         size: Its size [m] as in Tool.msg; empty: as the scene has it.
         start: Where it is before its first motion.
@@ -248,7 +253,7 @@ class _Reader:
                 "a tool's name must be letters, digits and _, not starting with a digit"
             )
         keys = item.mapping(TOOL_KEYS, ("kind", "start"))
-        kind = keys["kind"].one_of(("grab", "cut", "burn", "patch"))
+        kind = keys["kind"].one_of(("grab", "cut", "burn", "patch", "probe"))
         shape, size = "", ()
         if "shape" in keys or "size" in keys:
             item.mapping(TOOL_KEYS, ("shape", "size"))

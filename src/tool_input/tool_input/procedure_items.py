@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tool_input.located_yaml import Item
 from tool_input.motion import Pose
 
-SIZES = {"sphere": 1, "rectangle": 2, "triangle": 2}
+SIZES = {"sphere": 1, "box": 3, "capsule": 2, "rectangle": 2, "triangle": 2}
 """Numbers in a tool's size, by shape."""
 
 SMALLEST_AREA = 1e-12

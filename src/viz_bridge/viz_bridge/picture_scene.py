@@ -113,8 +113,9 @@ def tool_outline(tool: DrawnTool, handle: NDArray[np.float64]) -> NDArray[np.flo
         Shape (3, 3) for a sphere: tip, (radius, 0, 0), end of the shaft; for a blade its corners,
         shape (4 or 5, 3), the last one being the end of its shaft.
     """
-    if tool.shape == "sphere":
+    if tool.shape in ("sphere", "capsule", "box"):
         radius = tool.size[0] if tool.size else 0.005
+        radius = 0.5 * radius if tool.shape == "box" else radius
         return np.stack([tool.tip, [radius, 0.0, 0.0], tool.tip + 0.09 * handle])
     corners = blade_corners(tool)
     top = corners[corners[:, 2] >= corners[:, 2].max() - 1e-9].mean(axis=0)

@@ -239,6 +239,17 @@ class Recording:
             self.stream.log(f"{path}/reach", reach)
             self.stream.log(f"{path}/tip", tip)
             return
+        if tool.shape == "box":
+            half = [0.5 * length for length in tool.size]
+            self.stream.log(f"{path}/reach", rr.Boxes3D(half_sizes=[half], colors=[color]))
+            return
+        if tool.shape == "capsule":
+            radius, length = tool.size
+            self.stream.log(
+                f"{path}/reach",
+                rr.Capsules3D(lengths=[length], radii=[radius], colors=[color]),
+            )
+            return
         corners = blade_corners(tool)
         triangles = [[0, 1, 2]] if len(corners) == 3 else [[0, 1, 2], [0, 2, 3]]
         blade = rr.Mesh3D(

@@ -16,8 +16,8 @@ class DrawnTool:
 
     Attributes:
         id: Its name.
-        kind: "grab", "cut", "burn" or "patch".
-        shape: "sphere", "rectangle" or "triangle".
+        kind: "grab", "cut", "burn", "patch" or "probe".
+        shape: "sphere", "box", "capsule", "rectangle" or "triangle".
         size: As in Tool.size [m].
         state: "active", "frozen" or "free".
         pose: Tip: x y z [m] and quaternion x y z w, shape (7,).

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from cut_service.crack import on_surface
 from cut_service.errors import CutCode, CutError
 from cut_service.neighbours import links_of
-from cut_service.stress import element_material
 from cut_service.tearing import Tear, TearError, TearSettings, plan_tear
 from cut_service.unswept import work_without_sweep
 from support.cut_scenes import SIDE, new, raw_organ, rest
 from support.valid_mesh import check_valid
 from tissue_sim.elastic.material_field import MaterialField
 from tissue_sim.elastic.model import Material
+from tissue_sim.elastic.stress import element_material
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.mesh import Mesh

@@ -34,13 +34,15 @@ ROS_SIDE = (
     "tissue_sim/undo_client.py",
     "viz_bridge/bag_play.py",
     "viz_bridge/monitor.py",
+    "viz_bridge/readings_messages.py",
     "viz_bridge/recorded_topics.py",
+    "viz_bridge/tools_heard.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
     "tool_input/tool_topics.py",
 )
 # No file in these folders may join the list above.
-NUMERIC_FOLDERS = ("geometry", "elastic", "kernels", "interaction", "compare")
+NUMERIC_FOLDERS = ("geometry", "elastic", "kernels", "interaction", "compare", "readings")
 ROS_PACKAGES = ("rclpy", "rcl_interfaces", "rosidl", "rmw", "launch")
 
 

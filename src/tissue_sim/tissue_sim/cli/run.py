@@ -46,6 +46,10 @@ def run(
     rrd: Annotated[bool, typer.Option("--rrd/--no-rrd", help="Record for rerun.")] = False,
     viewer: Annotated[bool, typer.Option("--viewer", help="Open rerun's viewer.")] = False,
     difference: Annotated[str, typer.Option(metavar="MODEL", help=HELP_DIFFERENCE)] = "",
+    readings: Annotated[
+        bool,
+        typer.Option("--readings/--no-readings", help="Tell stress, strain and risk regions."),
+    ] = False,
 ) -> None:
     """Simulate a scene or any mesh until Ctrl-C, or for some frames.
 
@@ -68,5 +72,6 @@ def run(
         recording=rrd,
         viewer=viewer,
         difference=difference,
+        readings=readings,
     )
     raise typer.Exit(run_scene(options))

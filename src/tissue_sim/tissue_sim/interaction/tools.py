@@ -12,21 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.interaction import rigid
+from tissue_sim.interaction.contact import Contact
 from tissue_sim.interaction.coupling import HOLDS, POSITION, Coupling
 from tissue_sim.interaction.cut_response import CutResponse
 
-GRAB, CUT, BURN, PATCH = "grab", "cut", "burn", "patch"
+GRAB, CUT, BURN, PATCH, PROBE = "grab", "cut", "burn", "patch", "probe"
 AT_USE, PROGRESSIVE = "at_use", "progressive"
 CUTTING = (AT_USE, PROGRESSIVE)
 """How a blade cuts: once, where it is pressed, or all it passes while it is pressed."""
-SPHERE, RECTANGLE, TRIANGLE = "sphere", "rectangle", "triangle"
-SHAPES = {GRAB: (SPHERE,), CUT: (RECTANGLE, TRIANGLE), BURN: (SPHERE,), PATCH: (RECTANGLE,)}
+SPHERE, BOX, CAPSULE = "sphere", "box", "capsule"
+RECTANGLE, TRIANGLE = "rectangle", "triangle"
+SHAPES = {
+    GRAB: (SPHERE, BOX, CAPSULE),
+    CUT: (RECTANGLE, TRIANGLE),
+    BURN: (SPHERE,),
+    PATCH: (RECTANGLE,),
+    PROBE: (SPHERE, CAPSULE),
+}
 SIZE_WORDS = {
     SPHERE: "[radius]",
+    BOX: "[length along x, along y, along z]",
+    CAPSULE: "[radius, length along z]",
     RECTANGLE: "[length along x, depth along z]",
     TRIANGLE: "[length along x at the top, depth along z]",
 }
-SIZE_COUNT = {SPHERE: 1, RECTANGLE: 2, TRIANGLE: 2}
+SIZE_COUNT = {SPHERE: 1, BOX: 3, CAPSULE: 2, RECTANGLE: 2, TRIANGLE: 2}
 SMALLEST, LARGEST = 1e-6, 10.0
 """Allowed lengths of a tool [m]."""
 
@@ -43,8 +53,8 @@ class ToolSpec:
 
     Attributes:
         id: The <tool> in tools/<tool>/servo_cp.
-        kind: grab, cut, burn or patch.
-        shape: sphere for grab and burn; rectangle or triangle for cut; rectangle for patch.
+        kind: grab, cut, burn, patch or probe.
+        shape: See `SHAPES`.
         size: Its lengths [m], see `SIZE_WORDS`.
         pose: Where it is before a pose is received, in the organ frame: x y z [m] and quaternion.
         owner: Who set it.
@@ -54,6 +64,7 @@ class ToolSpec:
         coupling: What a hold by force pulls with.
         cutting: How a blade cuts: "at_use" or "progressive".
         response: What tissue does to a blade that cuts progressively.
+        contact: What a probe presses with.
     """
 
     id: str
@@ -68,6 +79,7 @@ class ToolSpec:
     coupling: Coupling = field(default_factory=Coupling)
     cutting: str = AT_USE
     response: CutResponse = field(default_factory=CutResponse)
+    contact: Contact = field(default_factory=Contact)
 
     def checked(self) -> ToolSpec:
         """This tool with its quaternion normalised, if it is allowed.
@@ -101,6 +113,7 @@ class ToolSpec:
         try:
             self.coupling.checked()
             self.response.checked()
+            self.contact.checked()
         except ValueError as error:
             raise ToolError(f"tool {self.id}: {error}") from None
         if len(self.pose) != 7:
@@ -119,6 +132,7 @@ class ToolSpec:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values["coupling"] = self.coupling.as_arguments()
         values["response"] = self.response.as_arguments()
+        values["contact"] = self.contact.as_arguments()
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in values.items()
@@ -140,6 +154,8 @@ class ToolSpec:
                 known["coupling"] = Coupling.from_arguments(known["coupling"])
             if "response" in known:
                 known["response"] = CutResponse.from_arguments(known["response"])
+            if "contact" in known:
+                known["contact"] = Contact.from_arguments(known["contact"])
         except ValueError as error:
             raise ToolError(f"tool {known.get('id', '')}: {error}") from None
         try:

@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cut_service.stress import ElementMaterial, element_material, pulled_hard, stresses_of
 from support.cut_scenes import new, raw_organ, rest
 from tissue_sim.elastic.material_field import MaterialField, lame_constants
 from tissue_sim.elastic.model import Material, RegionMaterial
+from tissue_sim.elastic.stress import ElementMaterial, element_material, pulled_hard, stresses_of
 from tissue_sim.geometry.mesh import Mesh
 
 TISSUE = Material(young_modulus=5e4, poisson_ratio=0.45)

@@ -7,18 +7,20 @@ deformed tissue is sigma = 2 mu (V - 1) + lambda tr(V - 1) 1 with V = R S R^T, t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.material_field import MaterialField
+from tissue_sim.elastic.model import Material
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.kernels.strain import STRAIN_FAST, left_cauchy_green, principal_stretches
 
 Rows = NDArray[np.int32]
 Reals = NDArray[np.float64]
 
-_FAST = {"contract", "nnan", "ninf", "nsz", "arcp"}
 _TWO_THIRDS_ROOT = float(np.sqrt(2.0 / 3.0))
 _SLACK = 1e-9
 
@@ -47,26 +49,18 @@ def element_material(field: MaterialField) -> ElementMaterial:
     return ElementMaterial(matter.kind, np.ascontiguousarray(matter.table[:, :2]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-def _largest_root(
-    xx: float, yy: float, zz: float, yz: float, xz: float, xy: float
-) -> tuple[float, float, float]:
-    """Eigenvalues of a symmetric matrix, the largest first."""
-    mean = (xx + yy + zz) / 3.0
-    a, b, c = xx - mean, yy - mean, zz - mean
-    off = yz * yz + xz * xz + xy * xy
-    p = np.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
-    if p <= 1e-300:
-        return mean, mean, mean
-    det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
-    r = min(1.0, max(-1.0, det / (2.0 * p * p * p)))
-    angle = np.arccos(r) / 3.0
-    first = mean + 2.0 * p * np.cos(angle)
-    last = mean + 2.0 * p * np.cos(angle + 2.0943951023931953)
-    return first, 3.0 * mean - first - last, last
+def material_without_fibres(mesh: Mesh, material: Material) -> ElementMaterial:
+    """What stress needs of a mesh's material where nobody knows how fibres run: they add none.
+
+    Raises:
+        MaterialError: The mesh lacks a region that the material is for.
+    """
+    regions = tuple(replace(part, fibre_stiffness=0.0) for part in material.regions)
+    field = MaterialField(mesh, replace(material, fibre_stiffness=0.0, regions=regions))
+    return element_material(field)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=STRAIN_FAST)
 def _pulled_hard(
     rest: Reals,
     places: Reals,
@@ -87,38 +81,7 @@ def _pulled_hard(
         if not alive[e]:
             continue
         i, j, k, m = tets[e, 0], tets[e, 1], tets[e, 2], tets[e, 3]
-        # Edges at rest as columns of a matrix, and its cofactors.
-        ax, ay, az = rest[j, 0] - rest[i, 0], rest[j, 1] - rest[i, 1], rest[j, 2] - rest[i, 2]
-        bx, by, bz = rest[k, 0] - rest[i, 0], rest[k, 1] - rest[i, 1], rest[k, 2] - rest[i, 2]
-        cx, cy, cz = rest[m, 0] - rest[i, 0], rest[m, 1] - rest[i, 1], rest[m, 2] - rest[i, 2]
-        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        inverse = 1.0 / (ax * ux + ay * uy + az * uz)
-        px, py, pz = (
-            places[j, 0] - places[i, 0], places[j, 1] - places[i, 1], places[j, 2] - places[i, 2]
-        )  # fmt: skip
-        qx, qy, qz = (
-            places[k, 0] - places[i, 0], places[k, 1] - places[i, 1], places[k, 2] - places[i, 2]
-        )  # fmt: skip
-        rx, ry, rz = (
-            places[m, 0] - places[i, 0], places[m, 1] - places[i, 1], places[m, 2] - places[i, 2]
-        )  # fmt: skip
-        fxx = (px * ux + qx * vx + rx * wx) * inverse
-        fxy = (px * uy + qx * vy + rx * wy) * inverse
-        fxz = (px * uz + qx * vz + rx * wz) * inverse
-        fyx = (py * ux + qy * vx + ry * wx) * inverse
-        fyy = (py * uy + qy * vy + ry * wy) * inverse
-        fyz = (py * uz + qy * vz + ry * wz) * inverse
-        fzx = (pz * ux + qz * vx + rz * wx) * inverse
-        fzy = (pz * uy + qz * vy + rz * wy) * inverse
-        fzz = (pz * uz + qz * vz + rz * wz) * inverse
-        xx = fxx * fxx + fxy * fxy + fxz * fxz
-        yy = fyx * fyx + fyy * fyy + fyz * fyz
-        zz = fzx * fzx + fzy * fzy + fzz * fzz
-        yz = fyx * fzx + fyy * fzy + fyz * fzz
-        xz = fxx * fzx + fxy * fzy + fxz * fzz
-        xy = fxx * fyx + fxy * fyy + fxz * fyz
+        xx, yy, zz, yz, xz, xy, turned, _ = left_cauchy_green(rest, places, i, j, k, m)
         first, second = lame[kinds[e], 0], lame[kinds[e], 1]
         # A bound that needs no roots: most elements are far below the limit.
         trace = xx + yy + zz - 3.0
@@ -129,16 +92,7 @@ def _pulled_hard(
         bound = 2.0 * second * (np.sqrt(1.0 + highest) - 1.0) + 0.5 * first * trace
         if bound < limit:
             continue
-        square0, square1, square2 = _largest_root(xx, yy, zz, yz, xz, xy)
-        s0, s1 = np.sqrt(max(square0, 0.0)), np.sqrt(max(square1, 0.0))
-        s2 = np.sqrt(max(square2, 0.0))
-        turned = (
-            fxx * (fyy * fzz - fyz * fzy)
-            - fxy * (fyx * fzz - fyz * fzx)
-            + fxz * (fyx * fzy - fyy * fzx)
-        )
-        if turned < 0.0:
-            s2 = -s2
+        s0, s1, s2 = principal_stretches(xx, yy, zz, yz, xz, xy, turned)
         value = 2.0 * second * (s0 - 1.0) + first * (s0 + s1 + s2 - 3.0)
         most = max(most, value)
         if value > limit:

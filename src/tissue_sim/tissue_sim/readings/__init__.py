@@ -1,0 +1,1 @@
+"""What the tissue tells: stress, strain and displacement at its nodes, and tissue to spare."""

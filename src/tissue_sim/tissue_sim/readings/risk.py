@@ -1,0 +1,114 @@
+"""What is near risk regions, or happens in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.readings.reach import ToolReach
+from tissue_sim.readings.regions import RiskRegion, RiskRegions
+from tissue_sim.readings.risk_warnings import CUT, NEAR, STRESS, TOUCHED, Cause, Finding
+
+Reals = NDArray[np.float64]
+
+WIDER = 1.2
+"""A warning that is on goes on within a margin so much wider, or a limit so much lower."""
+
+
+class RiskWatch:
+    """Looks at risk regions as tissue and tools move."""
+
+    def __init__(self, regions: RiskRegions) -> None:
+        """Begin.
+
+        Args:
+            regions: The regions, looked at as they are at the time.
+        """
+        self._regions = regions
+        self._version = 0
+
+    def restart(self, mesh: Mesh) -> None:
+        """Leave out the edits made so far."""
+        self._version = mesh.version
+
+    def look(
+        self,
+        mesh: Mesh,
+        places: NDArray[np.floating],
+        tools: Sequence[ToolReach],
+        held: NDArray[np.integer],
+        stress: Reals | None,
+    ) -> tuple[dict[Cause, Finding], Reals]:
+        """What is found now.
+
+        Args:
+            mesh: The tissue.
+            places: Where its nodes are [m], shape (node_rows, 3).
+            tools: The tools.
+            held: Ids of the nodes that tools hold.
+            stress: Von Mises stress at the nodes [Pa], shape (node_rows,); None: not known.
+
+        Returns:
+            What is found, by cause; and the risk of each node, shape (node_rows,): 0 with nothing
+            within the margin of its region and no stress, 1 where a tool touches it or its stress
+            is at the limit, nan outside all regions.
+        """
+        found: dict[Cause, Finding] = {}
+        risk = np.full(mesh.node_rows, np.nan)
+        is_held = np.zeros(mesh.node_rows, dtype=np.bool_)
+        rows = mesh.node_rows_of(held)
+        is_held[rows[rows >= 0]] = True
+        is_cut = self._cut_since(mesh)
+        for region in self._regions.by_name.values():
+            rows = self._regions.rows(region.name)
+            if not len(rows):
+                continue
+            own = np.zeros(len(rows))
+            for what, mask in ((TOUCHED, is_held), (CUT, is_cut)):
+                if count := int(mask[rows].sum()):
+                    found[Cause(region.name, what)] = Finding(count)
+            own[is_held[rows]] = 1.0
+            _look_at_tools(region, places[rows].astype(np.float64), tools, found, own)
+            if stress is not None and region.stress_limit > 0.0:
+                load = np.nan_to_num(stress[rows]) / region.stress_limit
+                np.maximum(own, np.minimum(load, 1.0), out=own)
+                if (worst := float(load.max())) > 1.0 / WIDER:
+                    finding = Finding(worst * region.stress_limit, worst > 1.0)
+                    found[Cause(region.name, STRESS)] = finding
+            risk[rows] = np.fmax(risk[rows], own)
+        return found, risk
+
+    def _cut_since(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Nodes of the elements that edits have changed since the last look."""
+        cut = np.zeros(mesh.node_rows, dtype=np.bool_)
+        for change in mesh.changes:
+            if change.edit.version > self._version:
+                for nodes in (change.old_elements, change.new_elements):
+                    cut[nodes[nodes >= 0]] = True
+        self._version = mesh.version
+        return cut
+
+
+def _look_at_tools(
+    region: RiskRegion,
+    places: Reals,
+    tools: Sequence[ToolReach],
+    found: dict[Cause, Finding],
+    risk: Reals,
+) -> None:
+    """Enter which tools are near a region or touch it, and the risk of its nodes."""
+    for tool in tools:
+        distances = tool.distances(places)
+        nearest = float(distances.min())
+        if nearest <= WIDER * region.margin:
+            finding = Finding(max(nearest, 0.0), nearest <= region.margin)
+            found[Cause(region.name, NEAR, tool.tool)] = finding
+        if touched := int((distances <= 0.0).sum()):
+            found[Cause(region.name, TOUCHED, tool.tool)] = Finding(touched)
+        if region.margin > 0.0:
+            np.maximum(risk, np.clip(1.0 - distances / region.margin, 0.0, 1.0), out=risk)
+        else:
+            risk[distances <= 0.0] = 1.0

@@ -1,0 +1,179 @@
+"""Joysticks, 3D mice and unplugged devices beside a running simulation."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Twist, Vector3
+from sensor_msgs.msg import Joy
+
+from support.device import device
+from support.fake_simulation import spinning, wait_for
+from support.observer import PATIENCE, Observer
+from support.processes import Processes, processes
+
+HOLD = [0.032, 0.09, 0.004]
+"""At the middle of the wall's free side."""
+USE, NEXT_TOOL = 0, 1
+
+
+@pytest.fixture
+def world(ros_domain: int, tmp_path: Path) -> Iterator[Processes]:
+    with processes(tmp_path) as made:
+        yield made
+
+
+@contextmanager
+def simulation(world: Processes, repository: Path, domain: int) -> Iterator[Observer]:
+    """The wall with its grasper at the free side, watched."""
+    with spinning(domain, Observer) as seen:
+        world.start(
+            "simulation", "tissue_sim.simulation_node", "--ros-args",
+            "--params-file", str(repository / "config" / "wall.yaml"),
+            "-p", f"tool.grasper.position:={HOLD}", "-p", "steps_per_frame:=2",
+            "-p", "release_timeout:=1.0", "-p", "wait_for:=['tissue/journal:1']",
+        )  # fmt: skip
+        seen.wait_ready()
+        yield seen
+
+
+def start_joy(world: Processes, *parameters: str) -> None:
+    world.start(
+        "joy", "tool_input.joy_node", "--ros-args", "-p", "tools:=['grasper','scalpel']",
+        "-p", "linear_scale:=0.02", *parameters,
+    )  # fmt: skip
+
+
+def joy(up: float = 0.0, *pressed: int) -> Joy:
+    """A gamepad whose stick for z is pushed so far, with these buttons down."""
+    axes = [0.0] * 8
+    axes[4] = up
+    return Joy(axes=axes, buttons=[int(index in pressed) for index in range(8)])
+
+
+def height(seen: Observer, tool: str = "grasper") -> float:
+    samples = seen.samples(tool)
+    return samples[-1].pose[2] if samples else np.nan
+
+
+def edges(seen: Observer, tool: str = "grasper") -> list[int]:
+    return [sample.edge for sample in seen.samples(tool) if sample.edge]
+
+
+def state(seen: Observer, tool: str = "grasper") -> str:
+    return f"{seen.tools[tool].state} {seen.tools[tool].reason}" if tool in seen.tools else ""
+
+
+def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
+    world: Processes, ros_domain: int, repository: Path
+) -> None:
+    with simulation(world, repository, ros_domain) as seen, device(ros_domain, {"joy": Joy}) as pad:
+        start_joy(world)
+        wait_for(lambda: "no input on joy yet" in seen.finding("/joy: input"), PATIENCE, "the node")
+        pad.says["joy"] = joy()
+        wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
+        assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
+        assert state(seen, "scalpel").startswith("free")
+        pad.says["joy"] = joy(0.0, USE)
+        wait_for(lambda: edges(seen) == [1], 20.0, "the press")
+        rest = float(seen.positions[:, 2].max())
+        pad.says["joy"] = joy(1.0, USE)
+        wait_for(lambda: height(seen) > HOLD[2] + 0.006, 20.0, "the lift")
+        wait_for(lambda: float(seen.positions[:, 2].max()) > rest + 0.004, 20.0, "the tissue")
+
+        pad.plugged = False
+        wait_for(lambda: state(seen).startswith("frozen"), 20.0, "the freeze")
+        wait_for(lambda: edges(seen) == [1, -1], 20.0, "the release")
+        wait_for(lambda: "let go" in state(seen), 20.0, "the reason")
+        frozen = height(seen)
+        assert "no input on joy for more than 0.5 s" in world.log("joy")
+        wait_for(lambda: "for more than 0.5 s" in seen.finding("/joy: input"), 20.0, "diagnostics")
+        wait_for(lambda: "let go" in seen.finding("/tissue_sim: tool grasper"), 20.0, "diagnostics")
+
+        # What is down when the device comes back grabs nothing; the next press does.
+        pad.says["joy"] = joy(0.0, USE)
+        pad.plugged = True
+        wait_for(lambda: state(seen).startswith("active"), 20.0, "poses again")
+        assert height(seen) == pytest.approx(frozen, abs=1e-6)
+        assert edges(seen) == [1, -1]
+        pad.says["joy"] = joy()
+        wait_for(lambda: not seen.tools["grasper"].pressed, 20.0, "the release")
+        seen.wait_frames(10)
+        pad.says["joy"] = joy(0.0, USE)
+        wait_for(lambda: edges(seen) == [1, -1, 1], 20.0, "the second press")
+        assert world.end("joy", signal.SIGINT) == 0
+
+
+def test_bad_messages_are_counted_told_and_move_nothing(
+    world: Processes, ros_domain: int, repository: Path
+) -> None:
+    with simulation(world, repository, ros_domain) as seen, device(ros_domain, {"joy": Joy}) as pad:
+        start_joy(world)
+        pad.says["joy"] = joy()
+        wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
+        for message, says in (
+            (joy(float("nan")), "z not finite"),
+            (Joy(axes=[1.0], buttons=[1] * 8), "1 axes where at least"),
+            (Joy(axes=[1.0] * 8, buttons=[]), "0 buttons where at least"),
+        ):
+            pad.says["joy"] = message
+            wait_for(lambda says=says: says in seen.finding("/joy: input"), 20.0, says)
+        assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
+        assert edges(seen) == []
+        assert "left out because z not finite" in world.log("joy")
+
+
+def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
+    world: Processes, ros_domain: int, repository: Path
+) -> None:
+    topics = {"spacenav/twist": Twist, "spacenav/joy": Joy}
+    with simulation(world, repository, ros_domain) as seen, device(ros_domain, topics) as puck:
+        start_joy(
+            world, "-p", "motion:=twist", "-p", "joy_topic:=spacenav/joy", "-p", "use_mode:=toggle",
+            "-p", "clutch_button:=-1", "-p", "slow_button:=-1", "-p", "home_button:=-1",
+        )  # fmt: skip
+        puck.says["spacenav/twist"] = Twist()
+        puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[0, 0])
+        wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
+        seen.wait_frames(10)
+        puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[1, 0])
+        wait_for(lambda: edges(seen) == [1], 20.0, "the press")
+        puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[0, 0])
+        puck.says["spacenav/twist"] = Twist(linear=Vector3(z=1.0))
+        wait_for(lambda: height(seen) > HOLD[2] + 0.003, 20.0, "the lift")
+        puck.says["spacenav/twist"] = Twist()
+        puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[0, 1])
+        wait_for(lambda: state(seen, "scalpel").startswith("active"), 20.0, "the other tool")
+        left, before = height(seen), height(seen, "scalpel")
+        puck.says["spacenav/twist"] = Twist(linear=Vector3(z=-1.0))
+        wait_for(lambda: height(seen, "scalpel") < before - 0.002, 20.0, "the other tool's motion")
+        assert height(seen) == pytest.approx(left, abs=1e-9)
+        assert seen.tools["grasper"].pressed
+        assert state(seen).startswith("active")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "says"),
+    [
+        ([], "no tools"),
+        (["-p", "tools:=['grasper']", "-p", "linear_scale:=50.0"], "from 0.0001 to 0.5 m/s"),
+        (["-p", "tools:=['grasper']", "-p", "angular_scale:=0.0"], "from 0.001 to 10 rad/s"),
+        (["-p", "tools:=['grasper']", "-p", "motion:=mouse"], "joy, twist, twist_stamped"),
+        (["-p", "tools:=['grasper']", "-p", "home_button:=0"], "one meaning"),
+    ],
+)
+def test_node_that_is_told_nonsense_refuses_with_one_line(
+    ros_domain: int, tmp_path: Path, parameters: list[str], says: str
+) -> None:
+    command = [sys.executable, "-m", "tool_input.joy_node", "--ros-args", *parameters]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert result.returncode == 2
+    assert says in result.stderr
+    assert "Traceback" not in result.stderr
