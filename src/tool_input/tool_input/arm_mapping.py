@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tool_input.motion import Pose
+from tool_input.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -19,46 +20,63 @@ class ArmBase:
         position: Position of the base [m], shape (3,).
         rotation: Orientation of the base.
         scale: Metres the tool moves per metre of the arm.
+        arm_origin: The arm's place, in its base's frame, that is mapped to `position` [m]: the
+            middle of where the arm works, for instance, shape (3,).
     """
 
     position: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     rotation: Rotation = field(default_factory=Rotation.identity)
     scale: float = 1.0
+    arm_origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 class ArmMapping:
-    """Turns the arm's poses into the tool's, with a clutch.
+    """Turns the arm's poses into the tool's, with a clutch, within a workspace.
 
-    While the clutch is pressed the tool stays where it is; from its release on, the tool moves as
-    the arm moves, beginning where it is. Orientations always follow the arm.
+    While the clutch is pressed the tool stays as it is; from its release on it moves and turns as
+    the arm does, beginning where and as it is.
     """
 
-    def __init__(self, base: ArmBase) -> None:
+    def __init__(self, base: ArmBase, workspace: Workspace | None = None) -> None:
+        """Begin with the clutch let in.
+
+        Args:
+            base: How the arm's frame lies in the organ's.
+            workspace: Where the tool may be; None: anywhere.
+        """
         self._base = base
+        self._workspace = workspace
         self._shift = np.zeros(3)
+        self._turn = Rotation.identity()
         self._clutched = False
         self._tool: Pose | None = None
-        self._arm: NDArray[np.float64] | None = None
+        self._arm: Pose | None = None
 
     def tool_pose(self, arm: Pose) -> Pose:
         """The tool's pose in the organ frame for a pose of the arm in its base's frame."""
-        mapped = self._mapped(arm.position)
-        self._arm = np.asarray(arm.position, dtype=np.float64)
+        self._arm = arm
         if self._clutched and self._tool is not None:
             return self._tool
-        rotation = self._base.rotation * Rotation.from_quat(arm.quaternion)
-        self._tool = Pose(mapped + self._shift, rotation.as_quat())
+        position = self._position(arm) + self._shift
+        if self._workspace is not None:
+            position = self._workspace.nearest(position)
+        self._tool = Pose(position, (self._rotation(arm) * self._turn).as_quat())
         return self._tool
 
     def clutch(self, pressed: bool) -> None:
         """Take the arm off the tool, or put it back on."""
         if self._clutched and not pressed and self._tool is not None and self._arm is not None:
-            self._shift = self._tool.position - self._mapped(self._arm)
+            self._shift = self._tool.position - self._position(self._arm)
+            # On the right: a turn of the hand about an axis of the room turns the tool about it.
+            self._turn = self._rotation(self._arm).inv() * Rotation.from_quat(self._tool.quaternion)
         self._clutched = pressed
 
-    def _mapped(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        turned = self._base.rotation.apply(self._base.scale * np.asarray(position))
-        return np.asarray(self._base.position + turned)
+    def _position(self, arm: Pose) -> NDArray[np.float64]:
+        way = self._base.scale * (np.asarray(arm.position) - self._base.arm_origin)
+        return np.asarray(self._base.position + self._base.rotation.apply(way))
+
+    def _rotation(self, arm: Pose) -> Rotation:
+        return self._base.rotation * Rotation.from_quat(arm.quaternion)
 
 
 class JawSwitch:

@@ -52,12 +52,20 @@ class InputWatch:
         self.losses += 1
         return True
 
+    @property
+    def silence(self) -> str:
+        """What the silence of the device means, for a person."""
+        return (
+            f"no input on {self.topic} for more than {self.timeout:g} s: no poses are published, "
+            "the simulation freezes what it drives and lets go of the tissue"
+        )
+
     def finding(self) -> Finding:
         """What diagnostics say about the device."""
         if self.fresh:
             message = "input"
         elif self.received:
-            message = f"no input on {self.topic} for more than {self.timeout:g} s"
+            message = self.silence
         else:
             message = f"no input on {self.topic} yet"
         if self.refusal:

@@ -7,13 +7,13 @@ import time
 from functools import partial
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 
 from tissue_sim import conversions, node_main, qos
 from tissue_sim.diagnostics import OK, WARN, Finding
+from tool_input.diagnostics_topic import DiagnosticsTopic
 from tool_input.input_watch import InputWatch
 from tool_input.joy_mapping import InputError, checked_deflection
 from tool_input.joy_parameters import JOY, SPECS, TWIST, mapping_of, steering_of
@@ -21,7 +21,7 @@ from tool_input.motion import Pose
 from tool_input.steering import SteeredTool
 from tool_input.tool_topics import ToolTopics
 
-DIAGNOSTICS_SECONDS = 1.0
+LOOK_SECONDS = 0.1
 LONGEST_STEP = 0.1
 """[s] After a longer gap between two poses the tool goes on from where it is, not in one leap."""
 
@@ -55,9 +55,9 @@ class JoyNode(Node):
         if not moves_by_joy:
             message = Twist if values["motion"] == TWIST else TwistStamped
             self.create_subscription(message, topic, self._on_twist, qos.POSE_IN)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
+        self._diagnostics = DiagnosticsTopic(self)
         self.create_timer(1.0 / values["pose_hz"], self._step)
-        self.create_timer(DIAGNOSTICS_SECONDS, self._publish_diagnostics)
+        self.create_timer(LOOK_SECONDS, self._look)
         names = ", ".join(f"tools/{tool.name}" for tool in self._steering.tools)
         self.get_logger().info(f"{topic} drives {names}")
 
@@ -120,10 +120,7 @@ class JoyNode(Node):
         if self._input.lost(now):
             self._steering.stop()
             self._buttons_known = False
-            self.get_logger().warning(
-                f"no input on {self._input.topic} for more than {self._input.timeout:g} s: "
-                "no more poses are published, the simulation freezes the tools and lets go"
-            )
+            self.get_logger().warning(self._input.silence)
         if not self._input.fresh:
             return
         self._take_over()
@@ -163,7 +160,7 @@ class JoyNode(Node):
                 topics.use(tool.used)
                 self._told[tool.name] = now
 
-    def _publish_diagnostics(self) -> None:
+    def _look(self) -> None:
         missing = [tool.name for tool in self._steering.tools if tool.name not in self._measured]
         where = ", ".join(f"tools/{name}/measured_cp" for name in missing)
         steered = Finding(
@@ -174,12 +171,7 @@ class JoyNode(Node):
             else f"drives {self._steering.tool.name}",
             {tool.name: "pressed" if tool.used else "released" for tool in self._steering.tools},
         )
-        findings = [self._input.finding(), steered]
-        self._diagnostics.publish(
-            conversions.diagnostics(
-                self.get_fully_qualified_name(), findings, self.get_clock().now().to_msg()
-            )
-        )
+        self._diagnostics.publish_when_due([self._input.finding(), steered])
 
 
 def main(args: list[str] | None = None) -> None:

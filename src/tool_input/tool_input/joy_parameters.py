@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tissue_sim.parameters import ParameterError, Spec
+from tool_input.device_parameters import INPUT_TIMEOUT, WORKSPACE, unit_quaternion
 from tool_input.joy_mapping import BUTTONS, JoyMapping
 from tool_input.steering import Speeds, SteeredTool, Steering
 from tool_input.velocity_integration import Response
@@ -17,31 +17,6 @@ JOY, TWIST, TWIST_STAMPED = "joy", "twist", "twist_stamped"
 TOOL, ORGAN, CAMERA = "tool", "organ", "camera"
 HOLD, TOGGLE = "hold", "toggle"
 
-WORKSPACE = (
-    Spec(
-        "workspace_min",
-        "doubles",
-        [-1.0, -1.0, -1.0],
-        "lowest corner of where the tool may be, in the frame of the organ",
-        "m",
-        -100.0,
-        100.0,
-        length=3,
-    ),
-    Spec(
-        "workspace_max",
-        "doubles",
-        [1.0, 1.0, 1.0],
-        "highest corner of where the tool may be, in the frame of the organ",
-        "m",
-        -100.0,
-        100.0,
-        length=3,
-    ),
-)
-INPUT_TIMEOUT = Spec(
-    "input_timeout", "double", 0.5, "silence after which the device is unplugged", "s", 0.05, 60.0
-)
 _DEFAULT_BUTTONS = {"use": 0, "next_tool": 1, "clutch": 4, "slow": 5, "home": 7}
 _BUTTON_WORDS = {
     "use": "button that uses the tool",
@@ -125,16 +100,3 @@ def steering_of(values: dict[str, Any]) -> Steering:
         axes,
         values["use_mode"] == TOGGLE,
     )
-
-
-def unit_quaternion(name: str, values: list[float]) -> Rotation:
-    """A rotation from a parameter that is a quaternion x y z w.
-
-    Raises:
-        ParameterError: Its length is not 1.
-    """
-    if abs(np.linalg.norm(values) - 1.0) > 0.01:
-        raise ParameterError(
-            f"{name} = {values} is not allowed; allowed: a quaternion x y z w of length 1"
-        )
-    return Rotation.from_quat(values)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tool_input.arm_mapping import ArmBase, ArmMapping, JawSwitch
 from tool_input.motion import Pose
+from tool_input.workspace import Workspace
 
 QUARTER = Rotation.from_rotvec([0, 0, np.pi / 2])
 STRAIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -52,3 +53,37 @@ def test_jaw_that_is_not_finite_changes_nothing() -> None:
 def test_thresholds_without_a_gap_are_refused() -> None:
     with pytest.raises(ValueError, match="must be less than"):
         JawSwitch(0.3, 0.3)
+
+
+def test_clutch_lets_the_hand_turn_back_without_turning_the_tool() -> None:
+    mapping = ArmMapping(ArmBase(rotation=QUARTER))
+    about_x = Rotation.from_rotvec([0.7, 0.0, 0.0])
+    before = mapping.tool_pose(Pose(np.zeros(3), about_x.as_quat()))
+    mapping.clutch(True)
+    mapping.tool_pose(Pose(np.zeros(3), STRAIGHT))
+    mapping.clutch(False)
+    after = mapping.tool_pose(Pose(np.zeros(3), STRAIGHT))
+    np.testing.assert_allclose(after.quaternion, before.quaternion, atol=1e-12)
+    # From then on a turn of the hand about an axis turns the tool about the same axis of the room.
+    turned = mapping.tool_pose(Pose(np.zeros(3), about_x.as_quat()))
+    way = Rotation.from_quat(turned.quaternion) * Rotation.from_quat(before.quaternion).inv()
+    np.testing.assert_allclose(way.as_rotvec(), QUARTER.apply([0.7, 0.0, 0.0]), atol=1e-12)
+
+
+def test_origin_of_the_arm_is_mapped_to_the_base_position() -> None:
+    base = ArmBase(np.array([1.0, 2.0, 3.0]), QUARTER, 0.5, np.array([0.1, 0.0, -0.1]))
+    mapping = ArmMapping(base)
+    np.testing.assert_allclose(mapping.tool_pose(arm_at(0.1, 0.0, -0.1)).position, [1, 2, 3])
+    moved = mapping.tool_pose(arm_at(0.3, 0.0, -0.1)).position
+    np.testing.assert_allclose(moved, [1.0, 2.1, 3.0], atol=1e-12)
+
+
+def test_tool_stays_in_the_workspace_and_the_clutch_goes_on_from_its_edge() -> None:
+    mapping = ArmMapping(ArmBase(), Workspace.between([-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]))
+    mapping.tool_pose(arm_at(0.0, 0.0, 0.0))
+    at_edge = mapping.tool_pose(arm_at(0.5, 0.05, 0.0)).position
+    np.testing.assert_allclose(at_edge, [0.1, 0.05, 0.0])
+    mapping.clutch(True)
+    mapping.clutch(False)
+    back = mapping.tool_pose(arm_at(0.45, 0.05, 0.0)).position
+    np.testing.assert_allclose(back, [0.05, 0.05, 0.0], atol=1e-12)

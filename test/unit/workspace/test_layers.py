@@ -37,6 +37,7 @@ ROS_SIDE = (
     "viz_bridge/readings_messages.py",
     "viz_bridge/recorded_topics.py",
     "viz_bridge/tools_heard.py",
+    "tool_input/diagnostics_topic.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
     "tool_input/tool_topics.py",
