@@ -33,7 +33,7 @@ def draw_ranges(result: dict[str, Any], picture: Path) -> None:
     axis.invert_yaxis()
     axis.set_xlim(left=0.0)
     axis.set_xlabel(
-        "mean distance from exact finite elements, over that of tissue that stays behind"
+        "mean difference from exact finite elements, of the worst"
     )
     axis.grid(axis="x", alpha=0.3)
     axis.barh([0], [0], color=OURS, label="ours, all pulls")

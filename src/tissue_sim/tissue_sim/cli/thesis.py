@@ -27,6 +27,8 @@ def thesis(
 
     Interrupted, it goes on where it was; see docs/thesis.md.
     """
+    if out.suffix != ".json" or out.is_dir():
+        raise ValueError(f"--out {out} is not possible; allowed: a file that ends in .json")
     from tissue_sim.compare.thesis import run
 
     if influences:
