@@ -27,6 +27,9 @@ Reals = NDArray[np.float64]
 Line = tuple[int, int]
 Face = tuple[int, int, int]
 
+RESOLVED = 1e-9
+"""Values of one kind closer to each other than this share of the largest count as equal."""
+
 ASKEW = 0.02
 """What a face costs that is perpendicular to the pull, beside 1 for one along it, per area."""
 
@@ -206,8 +209,18 @@ def _costs(work: Work, node: int, lines: list[Line], direction: Reals) -> list[f
     normals = np.cross(ends[:, 0], ends[:, 1])
     area = np.linalg.norm(normals, axis=1)
     along = np.divide(normals @ direction, area, out=np.zeros(len(area)), where=area > 0.0)
-    costs: list[float] = (area * (1.0 + ASKEW - along**2)).tolist()
+    costs: list[float] = settled(area * (1.0 + ASKEW - along**2)).tolist()
     return costs
+
+
+def settled(values: Reals) -> Reals:
+    """Values to compare: whole numbers of the smallest difference that counts.
+
+    Uniformly pulled tissue has nothing but ties, and processors round differently: which of them
+    comes first must not be left to the last digits.
+    """
+    scale = float(np.abs(values).max(initial=0.0)) * RESOLVED
+    return np.round(values / scale) if scale > 0.0 else values
 
 
 def _pull(

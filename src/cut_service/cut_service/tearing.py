@@ -8,7 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cut_service.crack import Cut, Fan, add, best_fan, inner_faces, on_surface, taken_back
+from cut_service.crack import (
+    Cut,
+    Fan,
+    add,
+    best_fan,
+    inner_faces,
+    on_surface,
+    settled,
+    taken_back,
+)
 from cut_service.pieces import piece_of
 from cut_service.ungluing import Ungluing, unglue, unglue_at
 from cut_service.work import Work, face_nodes
@@ -140,7 +149,7 @@ def plan_tear(work: Work, material: ElementMaterial, settings: TearSettings) -> 
 def _seeds(work: Work, material: ElementMaterial, rows: Rows, stress: Reals) -> _Seeds:
     """Faces at the nodes of elements above the threshold that may split."""
     if len(rows) > MOST_LOOKED_AT:
-        rows = rows[np.argpartition(-stress, MOST_LOOKED_AT)[:MOST_LOOKED_AT]]
+        rows = rows[np.argsort(-settled(stress), kind="stable")[:MOST_LOOKED_AT]]
     nodes = np.unique(work.links.tets[rows])
     bare = np.zeros(len(nodes), dtype=np.bool_)
     on_surface(work.links, nodes, bare)
@@ -156,13 +165,14 @@ def _seeds(work: Work, material: ElementMaterial, rows: Rows, stress: Reals) -> 
     direction = np.linalg.eigh(tensors)[1][:, :, 2]
     normals = unit_normals(work.positions[faces])
     along = np.abs(np.einsum("nfi,ni->nf", normals, direction))
-    best = np.argmax(np.where(ready, along, -1.0), axis=1)
+    best = np.argmax(np.where(ready, settled(along), -1.0), axis=1)
     each = np.arange(len(rows))
     unit = normals[each, best]
     pull = np.einsum("ni,nij,nj->n", unit, tensors, unit)
     pull[~ready[each, best] | (along[each, best] <= ALIGNED)] = -np.inf
-    order = np.argsort(-pull, kind="stable")
-    order = order[np.isfinite(pull[order])]
+    able = np.isfinite(pull)
+    pull[able] = settled(pull[able])
+    order = np.argsort(-pull, kind="stable")[: np.count_nonzero(able)]
     return _Seeds(rows[order], faces[order, best[order]], direction[order], may_split)
 
 
