@@ -46,11 +46,13 @@ def simulation(world: Processes, repository: Path, domain: int) -> Iterator[Obse
         yield seen
 
 
-def start_joy(world: Processes, *parameters: str) -> None:
-    world.start(
-        "joy", "tool_input.joy_node", "--ros-args", "-p", "tools:=['grasper','scalpel']",
-        "-p", "linear_scale:=0.02", *parameters,
-    )  # fmt: skip
+def start_joy(world: Processes, example: Path) -> None:
+    """Start the node as an example to copy does."""
+    words = example.read_text().split("tool_input.joy_node")[1].replace("\\\n", " ")
+    printed = subprocess.run(
+        ["bash", "-c", f"printf '%s\\n' {words}"], capture_output=True, text=True, check=True
+    )
+    world.start("joy", "tool_input.joy_node", *printed.stdout.splitlines())
 
 
 def joy(up: float = 0.0, *pressed: int) -> Joy:
@@ -84,7 +86,7 @@ def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
     world: Processes, ros_domain: int, repository: Path
 ) -> None:
     with simulation(world, repository, ros_domain) as seen, device(ros_domain, {"joy": Joy}) as pad:
-        start_joy(world)
+        start_joy(world, repository / "examples" / "joy.sh")
         wait_for(lambda: "no input on joy yet" in seen.finding("/joy: input"), PATIENCE, "the node")
         pad.says["joy"] = joy()
         wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
@@ -126,6 +128,7 @@ def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
         pad.says["joy"] = joy(0.0, USE)
         wait_for(lambda: edges(seen) == [1, -1, 1], 20.0, "the second press")
         assert world.end("joy", signal.SIGINT) == 0
+        wait_for(lambda: edges(seen) == [1, -1, 1, -1], 20.0, "the release at the node's end")
 
 
 def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
@@ -133,10 +136,7 @@ def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
 ) -> None:
     topics = {"spacenav/twist": Twist, "spacenav/joy": Joy}
     with simulation(world, repository, ros_domain) as seen, device(ros_domain, topics) as puck:
-        start_joy(
-            world, "-p", "motion:=twist", "-p", "joy_topic:=spacenav/joy", "-p", "use_mode:=toggle",
-            "-p", "clutch_button:=-1", "-p", "slow_button:=-1", "-p", "home_button:=-1",
-        )  # fmt: skip
+        start_joy(world, repository / "examples" / "spacenav.sh")
         puck.says["spacenav/twist"] = Twist()
         puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[0, 0])
         wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")

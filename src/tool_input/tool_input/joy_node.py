@@ -68,6 +68,12 @@ class JoyNode(Node):
         names = ", ".join(f"tools/{tool.name}" for tool in self._steering.tools)
         self.get_logger().info(f"{topic} drives {names}")
 
+    def close(self) -> None:
+        """Let go of what the device holds."""
+        for tool in self._steering.tools:
+            if tool.used and tool.name in self._driven:
+                self._driven[tool.name].use(False)
+
     # What comes in
 
     def _on_measured(self, tool: str, message: PoseStamped) -> None:
