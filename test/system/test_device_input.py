@@ -1,4 +1,4 @@
-"""Joysticks, 3D mice and unplugged devices beside a running simulation."""
+"""Joysticks, 3D mice, arms and unplugged devices beside a running simulation."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Twist, Vector3
-from sensor_msgs.msg import Joy
+from geometry_msgs.msg import PoseStamped, Twist, Vector3
+from sensor_msgs.msg import JointState, Joy
 
+from support.bags import ROOMY, START, put
 from support.device import device
 from support.fake_simulation import spinning, wait_for
 from support.observer import PATIENCE, Observer
 from support.processes import Processes, processes
+from viz_bridge.bag_writer import BagWriter
 
 HOLD = [0.032, 0.09, 0.004]
 """At the middle of the wall's free side."""
@@ -44,11 +46,13 @@ def simulation(world: Processes, repository: Path, domain: int) -> Iterator[Obse
         yield seen
 
 
-def start_joy(world: Processes, *parameters: str) -> None:
-    world.start(
-        "joy", "tool_input.joy_node", "--ros-args", "-p", "tools:=['grasper','scalpel']",
-        "-p", "linear_scale:=0.02", *parameters,
-    )  # fmt: skip
+def start_joy(world: Processes, example: Path) -> None:
+    """Start the node as an example to copy does."""
+    words = example.read_text().split("tool_input.joy_node")[1].replace("\\\n", " ")
+    printed = subprocess.run(
+        ["bash", "-c", f"printf '%s\\n' {words}"], capture_output=True, text=True, check=True
+    )
+    world.start("joy", "tool_input.joy_node", *printed.stdout.splitlines())
 
 
 def joy(up: float = 0.0, *pressed: int) -> Joy:
@@ -71,16 +75,31 @@ def state(seen: Observer, tool: str = "grasper") -> str:
     return f"{seen.tools[tool].state} {seen.tools[tool].reason}" if tool in seen.tools else ""
 
 
+BAD_MESSAGES = (
+    (joy(float("nan")), "z not finite"),
+    (Joy(axes=[1.0], buttons=[1] * 8), "1 axes where at least"),
+    (Joy(axes=[1.0] * 8, buttons=[]), "0 buttons where at least"),
+)
+
+
 def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
     world: Processes, ros_domain: int, repository: Path
 ) -> None:
     with simulation(world, repository, ros_domain) as seen, device(ros_domain, {"joy": Joy}) as pad:
-        start_joy(world)
+        start_joy(world, repository / "examples" / "joy.sh")
         wait_for(lambda: "no input on joy yet" in seen.finding("/joy: input"), PATIENCE, "the node")
         pad.says["joy"] = joy()
         wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
         assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
         assert state(seen, "scalpel").startswith("free")
+        for message, says in BAD_MESSAGES:
+            pad.says["joy"] = message
+            wait_for(lambda says=says: says in seen.finding("/joy: input"), 20.0, says)
+        assert "left out because z not finite" in world.log("joy")
+        assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
+        assert edges(seen) == []
+        pad.says["joy"] = joy()
+        wait_for(lambda: state(seen).startswith("active"), 20.0, "poses after the bad messages")
         pad.says["joy"] = joy(0.0, USE)
         wait_for(lambda: edges(seen) == [1], 20.0, "the press")
         rest = float(seen.positions[:, 2].max())
@@ -109,25 +128,7 @@ def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
         pad.says["joy"] = joy(0.0, USE)
         wait_for(lambda: edges(seen) == [1, -1, 1], 20.0, "the second press")
         assert world.end("joy", signal.SIGINT) == 0
-
-
-def test_bad_messages_are_counted_told_and_move_nothing(
-    world: Processes, ros_domain: int, repository: Path
-) -> None:
-    with simulation(world, repository, ros_domain) as seen, device(ros_domain, {"joy": Joy}) as pad:
-        start_joy(world)
-        pad.says["joy"] = joy()
-        wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
-        for message, says in (
-            (joy(float("nan")), "z not finite"),
-            (Joy(axes=[1.0], buttons=[1] * 8), "1 axes where at least"),
-            (Joy(axes=[1.0] * 8, buttons=[]), "0 buttons where at least"),
-        ):
-            pad.says["joy"] = message
-            wait_for(lambda says=says: says in seen.finding("/joy: input"), 20.0, says)
-        assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
-        assert edges(seen) == []
-        assert "left out because z not finite" in world.log("joy")
+        wait_for(lambda: edges(seen) == [1, -1, 1, -1], 20.0, "the release at the node's end")
 
 
 def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
@@ -135,10 +136,7 @@ def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
 ) -> None:
     topics = {"spacenav/twist": Twist, "spacenav/joy": Joy}
     with simulation(world, repository, ros_domain) as seen, device(ros_domain, topics) as puck:
-        start_joy(
-            world, "-p", "motion:=twist", "-p", "joy_topic:=spacenav/joy", "-p", "use_mode:=toggle",
-            "-p", "clutch_button:=-1", "-p", "slow_button:=-1", "-p", "home_button:=-1",
-        )  # fmt: skip
+        start_joy(world, repository / "examples" / "spacenav.sh")
         puck.says["spacenav/twist"] = Twist()
         puck.says["spacenav/joy"] = Joy(axes=[0.0] * 6, buttons=[0, 0])
         wait_for(lambda: state(seen).startswith("active"), PATIENCE, "poses")
@@ -157,15 +155,58 @@ def test_spacenav_twist_moves_what_its_buttons_grab_with_either_hand(
         assert height(seen) == pytest.approx(left, abs=1e-9)
         assert seen.tools["grasper"].pressed
         assert state(seen).startswith("active")
+        assert {tool.owner for tool in seen.tools.values()} == {"/joy"}
+
+
+def arm_pose(step: int) -> PoseStamped:
+    """Up, rest, up, rest; with the clutch pressed down again and turned."""
+    way = 0.008 * min(step, 50) / 50 + 0.012 * np.clip((step - 150) / 50, 0, 1)
+    back = float(np.clip((step - 260) / 50, 0, 1))
+    message = PoseStamped()
+    message.pose.position.z = float(way) - 0.02 * back
+    message.pose.orientation.x, message.pose.orientation.w = np.sin(back / 2), np.cos(back / 2)
+    return message
+
+
+def arm_bag(folder: Path) -> None:
+    """An arm's session at 125 Hz: pose, trembling jaw, pedal."""
+    writer = BagWriter(folder, ROOMY)
+    for step in range(400):
+        opening = 0.5 if step < 80 else 0.0
+        pedal = Joy(buttons=[int(230 <= step < 340)])
+        jaw = JointState(name=["jaw"], position=[opening + 0.04 * (-1) ** step])
+        stamp = START + step * 8_000_000
+        put(writer, "/PSM1/measured_cp", arm_pose(step), stamp)
+        put(writer, "/PSM1/jaw/measured_js", jaw, stamp)
+        put(writer, "/footpedals/clutch", pedal, stamp)
+    writer.close()
+
+
+def test_arm_played_from_a_bag_grabs_and_its_pedal_takes_it_off_the_tool(
+    world: Processes, ros_domain: int, repository: Path, tmp_path: Path
+) -> None:
+    arm_bag(tmp_path / "arm")
+    with simulation(world, repository, ros_domain) as seen:
+        world.start(
+            "crtk", "tool_input.crtk_node", "--ros-args", "-p", "arm:=PSM1", "-p", "tool:=grasper",
+            "-p", f"base_position:={HOLD}", "-p", "scale:=0.5", "-p", "clutch_type:=joy",
+            "-p", "clutch_topic:=footpedals/clutch",
+        )  # fmt: skip
+        wait_for(lambda: "somebody listens" in world.log("crtk"), PATIENCE, "the simulation")
+        world.start("play", "viz_bridge.bag_cli", "play", "arm")
+        wait_for(lambda: edges(seen) == [1, -1], 60.0, "the press, and the release after the end")
+        pressed = [sample.pose for sample in seen.samples("grasper") if sample.use]
+        assert pressed[0][2] == pytest.approx(HOLD[2] + 0.004, abs=1e-6)
+        np.testing.assert_allclose(pressed[-1], [*HOLD[:2], HOLD[2] + 0.01, 0, 0, 0, 1], atol=1e-6)
+        wait_for(lambda: "let go" in state(seen), 20.0, "the reason")
+        silence = "no input on PSM1/measured_cp for more than 0.5 s"
+        wait_for(lambda: silence in seen.finding("/crtk: input"), 20.0, "diagnostics")
 
 
 @pytest.mark.parametrize(
     ("parameters", "says"),
     [
-        ([], "no tools"),
         (["-p", "tools:=['grasper']", "-p", "linear_scale:=50.0"], "from 0.0001 to 0.5 m/s"),
-        (["-p", "tools:=['grasper']", "-p", "angular_scale:=0.0"], "from 0.001 to 10 rad/s"),
-        (["-p", "tools:=['grasper']", "-p", "motion:=mouse"], "joy, twist, twist_stamped"),
         (["-p", "tools:=['grasper']", "-p", "home_button:=0"], "one meaning"),
     ],
 )

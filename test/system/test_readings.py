@@ -27,7 +27,7 @@ HEARD = {
 SIDE = 0.05
 """Of the block [m]."""
 
-BLOCK = {
+BLOCK: dict[str, Any] = {
     "shape__size_x": SIDE, "shape__size_y": SIDE, "shape__size_z": SIDE, "fixed": "low:z:0.1",
     "model": "finite_element", "poisson_ratio": 0.3, "young_modulus": 5e4, "rate_hz": 30.0,
     "tools": ["grip"], "tool__grip__size": [0.012], "pose_timeout": 3600.0,

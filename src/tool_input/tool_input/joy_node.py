@@ -9,7 +9,10 @@ from functools import partial
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import Joy
+from tissue_interfaces.msg import Tool, ToolList
+from tissue_interfaces.srv import SetTool
 
 from tissue_sim import conversions, node_main, qos
 from tissue_sim.diagnostics import OK, WARN, Finding
@@ -40,7 +43,10 @@ class JoyNode(Node):
         self._moves_by_joy = moves_by_joy
         self._buttons_known = False
         self._measured: dict[str, tuple[Pose, str]] = {}
+        self._there: dict[str, Tool] = {}
+        self._set_tool = self.create_client(SetTool, "tissue/set_tool")
         self._driven: dict[str, ToolTopics] = {}
+        self._owned: set[str] = set()
         self._told: dict[str, tuple[bool, int]] = {}
         self._stepped = time.monotonic()
         for tool in self._steering.tools:
@@ -50,6 +56,7 @@ class JoyNode(Node):
                 partial(self._on_measured, tool.name),
                 qos.MEASURED,
             )
+        self.create_subscription(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
         if values["joy_topic"]:
             self.create_subscription(Joy, values["joy_topic"], self._on_joy, qos.POSE_IN)
         if not moves_by_joy:
@@ -61,11 +68,22 @@ class JoyNode(Node):
         names = ", ".join(f"tools/{tool.name}" for tool in self._steering.tools)
         self.get_logger().info(f"{topic} drives {names}")
 
+    def close(self) -> None:
+        """Let go of what the device holds."""
+        for tool in self._steering.tools:
+            if tool.used and tool.name in self._driven:
+                self._driven[tool.name].use(False)
+
     # What comes in
 
     def _on_measured(self, tool: str, message: PoseStamped) -> None:
         pose = conversions.pose_array(message.pose)
         self._measured[tool] = (Pose(pose[:3], pose[3:]), message.header.frame_id)
+
+    def _on_tools(self, message: ToolList) -> None:
+        self._there = {tool.id: tool for tool in message.tools}
+        for name in self._driven:
+            self._own(name)
 
     def _on_joy(self, message: Joy) -> None:
         try:
@@ -137,6 +155,23 @@ class JoyNode(Node):
         if tool.name not in self._driven and self._find(tool):
             frame_id = self._measured[tool.name][1]
             self._driven[tool.name] = ToolTopics(self, tool.name, frame_id)
+            self._own(tool.name)
+
+    def _own(self, name: str) -> None:
+        """Become a tool's owner, so that others see who drives it; nothing else of it changes."""
+        me, tool = self.get_fully_qualified_name(), self._there.get(name)
+        if tool is None or tool.owner == me or name in self._owned:
+            return
+        if self._set_tool.service_is_ready():
+            self._owned.add(name)
+            tool.owner = me
+            request_id = f"{self.get_name()}-{time.time_ns():x}-{name}"
+            answer = self._set_tool.call_async(SetTool.Request(tool=tool, request_id=request_id))
+            answer.add_done_callback(self._on_owned)
+
+    def _on_owned(self, answer: Future) -> None:
+        if not answer.result().success:
+            self.get_logger().warning(f"tissue/set_tool was refused: {answer.result().message}")
 
     def _find(self, tool: SteeredTool) -> bool:
         """Place a tool where the simulation says it is; whether it says so."""

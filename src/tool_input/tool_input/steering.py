@@ -46,8 +46,8 @@ class SteeredTool:
 
     Attributes:
         name: Its name.
-        pose: Where it shall be; None before it was first steered.
-        home: Where it was then.
+        pose: Where it shall be; None before it was placed.
+        home: Where it was the first time it was placed.
         used: Whether it is pressed.
     """
 
@@ -82,9 +82,9 @@ class Steering:
     axes: Rotation | None = field(default_factory=Rotation.identity)
     toggles: bool = False
     active: int = 0
-    _deflection: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
-    _pressed: frozenset[str] = frozenset()
-    _way_home: tuple[Motion, float] | None = None
+    _deflection: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6), init=False)
+    _pressed: frozenset[str] = field(default=frozenset(), init=False)
+    _way_home: tuple[Motion, float] | None = field(default=None, init=False)
 
     @property
     def tool(self) -> SteeredTool:

@@ -1,4 +1,4 @@
-"""The README shows what is there: examples, documents and targets."""
+"""The README and the pages show what is there: examples, documents and targets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import pytest
 from support.workspace import REPOSITORY
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"<!-- example: (\S+) -->\n```\w+\n(.*?)```", README, re.DOTALL)
+PAGES = [README, *(page.read_text("utf-8") for page in sorted(REPOSITORY.glob("docs/*.md")))]
+EXAMPLE = re.compile(r"<!-- example: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
+EXAMPLES = [shown for page in PAGES for shown in EXAMPLE.findall(page)]
 
 
 def test_the_readme_shows_examples() -> None:
@@ -17,7 +19,7 @@ def test_the_readme_shows_examples() -> None:
 
 
 @pytest.mark.parametrize(("path", "shown"), EXAMPLES)
-def test_examples_in_the_readme_are_the_files(path: str, shown: str) -> None:
+def test_examples_that_are_shown_are_the_files(path: str, shown: str) -> None:
     assert shown.strip() == (REPOSITORY / path).read_text(encoding="utf-8").strip()
 
 

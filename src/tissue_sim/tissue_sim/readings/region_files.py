@@ -33,6 +33,7 @@ def read_regions(path: Path, mesh: Mesh, margin: float, stress_limit: float) -> 
     Raises:
         RiskRegionError: The file cannot be read, or a region in it is not allowed.
     """
+    entries: Any
     try:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as file:

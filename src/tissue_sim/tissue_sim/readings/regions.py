@@ -116,7 +116,7 @@ class RiskRegions:
     def __init__(self) -> None:
         """Begin with none."""
         self.by_name: dict[str, RiskRegion] = {}
-        self._rows: dict[str, NDArray[np.intp]] = {}
+        self._rows: dict[str, NDArray[np.int32]] = {}
         self._places: dict[str, NDArray[np.float64]] = {}
         self._version = 0
 
@@ -135,7 +135,7 @@ class RiskRegions:
         self._places.pop(name, None)
         return self.by_name.pop(name, None) is not None
 
-    def rows(self, name: str) -> NDArray[np.intp]:
+    def rows(self, name: str) -> NDArray[np.int32]:
         """Rows of the living nodes of a region, ascending."""
         return self._rows[name]
 
@@ -177,6 +177,6 @@ class RiskRegions:
     def _enter(self, mesh: Mesh, region: RiskRegion) -> None:
         self.by_name[region.name] = region.checked()
         rows = mesh.node_rows_of(region.nodes)
-        rows = rows[rows >= 0].astype(np.intp)
+        rows = rows[rows >= 0]
         self._rows[region.name] = rows
         self._places[region.name] = mesh.rest[rows].copy()

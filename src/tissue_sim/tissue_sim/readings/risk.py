@@ -59,8 +59,8 @@ class RiskWatch:
         found: dict[Cause, Finding] = {}
         risk = np.full(mesh.node_rows, np.nan)
         is_held = np.zeros(mesh.node_rows, dtype=np.bool_)
-        rows = mesh.node_rows_of(held)
-        is_held[rows[rows >= 0]] = True
+        held_rows = mesh.node_rows_of(held)
+        is_held[held_rows[held_rows >= 0]] = True
         is_cut = self._cut_since(mesh)
         for region in self._regions.by_name.values():
             rows = self._regions.rows(region.name)
@@ -73,11 +73,10 @@ class RiskWatch:
             own[is_held[rows]] = 1.0
             _look_at_tools(region, places[rows].astype(np.float64), tools, found, own)
             if stress is not None and region.stress_limit > 0.0:
-                load = np.nan_to_num(stress[rows]) / region.stress_limit
-                np.maximum(own, np.minimum(load, 1.0), out=own)
-                if (worst := float(load.max())) > 1.0 / WIDER:
-                    finding = Finding(worst * region.stress_limit, worst > 1.0)
-                    found[Cause(region.name, STRESS)] = finding
+                there, limit = np.nan_to_num(stress[rows]), region.stress_limit
+                np.maximum(own, np.minimum(there / limit, 1.0), out=own)
+                if (worst := float(there.max())) > limit / WIDER:
+                    found[Cause(region.name, STRESS)] = Finding(worst, worst > limit)
             risk[rows] = np.fmax(risk[rows], own)
         return found, risk
 
