@@ -32,9 +32,7 @@ def draw_ranges(result: dict[str, Any], picture: Path) -> None:
     axis.set_yticks(range(len(rows)), [row["row"] for row in rows])
     axis.invert_yaxis()
     axis.set_xlim(left=0.0)
-    axis.set_xlabel(
-        "mean difference from exact finite elements, of the worst"
-    )
+    axis.set_xlabel("mean difference from exact finite elements, of the worst")
     axis.grid(axis="x", alpha=0.3)
     axis.barh([0], [0], color=OURS, label="ours, all pulls")
     axis.plot([], [], "|", markersize=14, color=MEDIAN, label="ours, median")
