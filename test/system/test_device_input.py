@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,11 @@ def edges(seen: Observer, tool: str = "grasper") -> list[int]:
     return [sample.edge for sample in seen.samples(tool) if sample.edge]
 
 
+def told(seen: Observer, what: str) -> bool:
+    """Whether the diagnostics of the node's input say something."""
+    return what in seen.finding("/joy: input")
+
+
 def state(seen: Observer, tool: str = "grasper") -> str:
     return f"{seen.tools[tool].state} {seen.tools[tool].reason}" if tool in seen.tools else ""
 
@@ -94,7 +100,7 @@ def test_joystick_grabs_and_lifts_tissue_until_it_is_unplugged(
         assert state(seen, "scalpel").startswith("free")
         for message, says in BAD_MESSAGES:
             pad.says["joy"] = message
-            wait_for(lambda says=says: says in seen.finding("/joy: input"), 20.0, says)
+            wait_for(partial(told, seen, says), 20.0, says)
         assert "left out because z not finite" in world.log("joy")
         assert height(seen) == pytest.approx(HOLD[2], abs=1e-9)
         assert edges(seen) == []

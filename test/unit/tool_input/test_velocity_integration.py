@@ -52,11 +52,15 @@ def test_constant_twist_is_a_screw() -> None:
 @given(TWISTS)
 def test_many_short_steps_end_where_one_long_one_does(twist: np.ndarray) -> None:
     axes = Rotation.from_rotvec([0.3, 0.1, -1.2])
-    ways = [
-        (START, lambda pose, time: moved_in_tool_axes(pose, twist, time)),
-        (START, lambda pose, time: moved_in_fixed_axes(pose, twist, time, axes)),
-    ]
-    for pose, moved in ways:
+
+    def in_tool_axes(pose: Pose, time: float) -> Pose:
+        return moved_in_tool_axes(pose, twist, time)
+
+    def in_fixed_axes(pose: Pose, time: float) -> Pose:
+        return moved_in_fixed_axes(pose, twist, time, axes)
+
+    for moved in (in_tool_axes, in_fixed_axes):
+        pose = START
         once = moved(pose, 0.4)
         for _ in range(50):
             pose = moved(pose, 0.008)
