@@ -203,7 +203,7 @@ def test_a_capsule_presses_along_its_length() -> None:
     lying = ToolSpec("probe", kind="probe", shape="capsule", size=(0.006, 0.04))
     simulation = simulation_of("quasi_static", lying)
     turn = np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])  # its axis along x
-    pose = np.concatenate([[0.005, 0.025, 0.05 + 0.006 - 0.002], turn])
+    pose = np.concatenate([[0.005, 0.02, 0.05 + 0.006 - 0.002], turn])
     pushed(simulation, [pose] * 20)
     touched = simulation.mesh.rest[simulation.probes.rows]
     assert np.ptp(touched[:, 0]) > 0.025

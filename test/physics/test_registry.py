@@ -35,7 +35,11 @@ def test_the_models_are_there_and_follow_the_protocol() -> None:
     ("name", "values", "message"),
     [
         ("finite", {}, "there is no model 'finite'; allowed: .*lr, quasi_static"),
-        ("lr", {"levles": 4.0}, "no parameter 'levles'; allowed: step, levels, .*, linear_factor"),
+        (
+            "lr",
+            {"levles": 4.0},
+            "no parameter 'levles'; allowed: step, force_step, levels, .*, linear_factor",
+        ),
         ("lr", {"levels": 0.0}, "levels = 0 is out of range; allowed: 1 to 10000"),
         ("lr", {"levels": 2.5}, "levels = 2.5 must be a whole number"),
         ("quasi_static", {"step": 2.0}, "step = 2 is out of range; allowed: 0.01 to 1.99"),

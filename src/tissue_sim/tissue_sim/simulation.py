@@ -150,14 +150,19 @@ class Simulation:
             radius: Of a sphere around its tip to take instead [m]; 0: its own shape.
             by_use: Whether it was pressed.
         """
-        spec, pose = self.tools[tool], self.poses[tool]
-        if radius > 0.0:
-            wanted = nodes_in_sphere(self.mesh, self.state, pose[:3], radius)
-        else:
-            wanted = nodes_inside(self.mesh, self.state, spec, pose)
+        wanted = self.within_reach(tool, radius, self.state.displacement)
         if not len(wanted):
             return None
-        return self.hold(tool, wanted, by_use, spec.hold == FORCE)
+        return self.hold(tool, wanted, by_use, self.tools[tool].hold == FORCE)
+
+    def within_reach(
+        self, tool: str, radius: float, displacement: NDArray[np.floating]
+    ) -> NDArray[np.int32]:
+        """Rows of the nodes that `grab` takes where nodes are displaced so [m], shape (n, 3)."""
+        spec, pose = self.tools[tool], self.poses[tool]
+        if radius > 0.0:
+            return nodes_in_sphere(self.mesh, displacement, pose[:3], radius)
+        return nodes_inside(self.mesh, displacement, spec, pose)
 
     def hold(self, tool: str, rows: NDArray[np.int32], by_use: bool, by_force: bool) -> Hold:
         """Hold some nodes, none of them fixed."""

@@ -18,7 +18,6 @@ from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.holds import Hold
 from tissue_sim.interaction.tools import GRAB
 from tissue_sim.journal import Replayer, scene_at_start
-from tissue_sim.kernels.positions import nodes_within
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
 
@@ -53,14 +52,9 @@ class FollowingSimulation(Simulation):
         there = (seen - mesh.rest[:rows]).astype(own.dtype)
         agree = np.abs(there - own).max(axis=1) < ROUNDING
         there[agree] = own[agree]
-        wanted = np.empty(rows, dtype=np.int32)
-        count = nodes_within(
-            mesh.rest, there, mesh.node_alive, mesh.fixed, rows, self.poses[tool][:3], radius,
-            wanted,
-        )  # fmt: skip
-        if not count:
+        taken = self.within_reach(tool, radius, there)
+        if not len(taken):
             return None
-        taken = wanted[:count].copy()
         free = taken[self.holds.owner[taken] == 0]
         self.state.displacement[free] = there[free]
         return self.hold(tool, taken, by_use, self.tools[tool].hold == FORCE)

@@ -16,7 +16,7 @@ from tissue_sim.interaction.tools import ToolError, ToolSpec, blade
     [
         ({"id": "../x"}, "a letter, then letters, digits"),
         ({"kind": "laser"}, "allowed: grab, cut"),
-        ({"shape": "rectangle"}, "sphere for kind grab"),
+        ({"shape": "rectangle"}, "sphere, box, capsule for kind grab"),
         ({"size": (0.0,)}, "lengths from"),
         ({"size": (float("nan"),)}, "lengths from"),
         ({"size": (0.01, 0.02)}, r"\[radius\]"),

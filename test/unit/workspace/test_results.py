@@ -104,7 +104,8 @@ def test_the_bench_is_shown_as_it_came_out(repository: Path) -> None:
     assert bench.as_markdown(steps) in page
     assert bench_table.in_short(steps) in (repository / "README.md").read_text(encoding="utf-8")
     assert bench_growth.as_markdown(growth) in page
-    assert bench_growth.slopes(growth["rows"]) == growth["slopes"]
+    # The last digit is the processor's.
+    assert bench_growth.slopes(growth["rows"]) == pytest.approx(growth["slopes"], rel=1e-12)
     assert [(row["model"], row["geometry"]) for row in steps["rows"]] == [
         (case.label, case.geometry) for case in bench.CASES
     ]

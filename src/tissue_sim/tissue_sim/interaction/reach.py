@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.elastic.model import State
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
 from tissue_sim.interaction.tools import BOX, CAPSULE, ToolSpec
@@ -15,22 +14,26 @@ from tissue_sim.kernels.positions import nodes_within
 Rows = NDArray[np.int32]
 
 
-def nodes_in_sphere(mesh: Mesh, state: State, centre: NDArray[np.float64], radius: float) -> Rows:
+def nodes_in_sphere(
+    mesh: Mesh, displacement: NDArray[np.floating], centre: NDArray[np.float64], radius: float
+) -> Rows:
     """Rows of the nodes within a sphere that are not fixed, ascending."""
     found = np.empty(mesh.node_rows, dtype=np.int32)
     count = nodes_within(
-        mesh.rest, state.displacement, mesh.node_alive, mesh.fixed, mesh.node_rows, centre, radius,
+        mesh.rest, displacement, mesh.node_alive, mesh.fixed, mesh.node_rows, centre, radius,
         found,
     )  # fmt: skip
     return found[:count].copy()
 
 
-def nodes_inside(mesh: Mesh, state: State, tool: ToolSpec, pose: NDArray[np.float64]) -> Rows:
+def nodes_inside(
+    mesh: Mesh, displacement: NDArray[np.floating], tool: ToolSpec, pose: NDArray[np.float64]
+) -> Rows:
     """Rows of the nodes inside a tool's shape that are not fixed, ascending.
 
     Args:
         mesh: The organ.
-        state: Where its nodes are.
+        displacement: Of its nodes from rest [m], shape (n, 3).
         tool: A tool that grabs.
         pose: Of the tool, shape (7,).
     """
@@ -39,15 +42,15 @@ def nodes_inside(mesh: Mesh, state: State, tool: ToolSpec, pose: NDArray[np.floa
         found = np.empty(len(free), dtype=np.int32)
         shaft = np.ascontiguousarray(rigid.matrix(pose[3:])[:, 2])
         count = nodes_near_axis(
-            free, mesh.rest, state.displacement, pose[:3], shaft, tool.size[1], tool.size[0], found
+            free, mesh.rest, displacement, pose[:3], shaft, tool.size[1], tool.size[0], found
         )
         return found[:count].copy()
     if tool.shape != BOX:
-        return nodes_in_sphere(mesh, state, pose[:3], tool.size[0])
+        return nodes_in_sphere(mesh, displacement, pose[:3], tool.size[0])
     half = 0.5 * np.array(tool.size)
     # Only what is within the box's diagonal can be inside.
-    near = nodes_in_sphere(mesh, state, pose[:3], float(np.linalg.norm(half)))
-    local = rigid.to_local(pose, mesh.rest[near] + state.displacement[near])
+    near = nodes_in_sphere(mesh, displacement, pose[:3], float(np.linalg.norm(half)))
+    local = rigid.to_local(pose, mesh.rest[near] + displacement[near])
     return near[(np.abs(local) <= half).all(axis=1)]
 
 
