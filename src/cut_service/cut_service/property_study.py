@@ -26,7 +26,7 @@ from cut_service.random_edits import WAYS, wave
 from cut_service.sweep import Sweep
 from cut_service.trial import VOLUME_KEPT, VOLUME_SNAPPED, remembered
 from cut_service.validity import Validity, look_at
-from tissue_sim.bench import machine
+from tissue_sim.bench import machine, target
 from tissue_sim.elastic.model import State
 from tissue_sim.geometry.edit_history import EditHistory
 from tissue_sim.geometry.heart import heart
@@ -320,13 +320,12 @@ def main() -> None:
     if chosen.only != "sessions":
         organs = list(ORGANS)
         keep("rows", _cuts(chosen.share, wanted(organs), chosen.seed), organs)
-        result["spot"] = [asdict(tally) for tally in spot(chosen.seed)]
     if chosen.only != "cuts":
         organs = list(session_study.ORGANS)
         keep("sessions", _sessions(chosen.share, wanted(organs), chosen.seed), organs)
-        result["spot_sessions"] = [
-            asdict(spot_session(organ, chosen.seed)) for organ in SPOT_SESSIONS
-        ]
+    result["target"] = target()
+    result["spot"] = [asdict(tally) for tally in spot(chosen.seed)]
+    result["spot_sessions"] = [asdict(spot_session(organ, chosen.seed)) for organ in SPOT_SESSIONS]
     if chosen.out is not None:
         chosen.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -242,6 +243,15 @@ def machine() -> dict[str, Any]:
         "numba": numba.__version__,
         "system": platform.platform(),
     }
+
+
+def target() -> str:
+    """The processor that kernels are compiled for: results are the same bit for bit on one kind.
+
+    On another one products and sums are rounded together or one by one, and a blade that just
+    misses a node hits it.
+    """
+    return str(llvmlite.binding.get_host_cpu_name())
 
 
 def measure_triad() -> float:

@@ -7,6 +7,8 @@ import statistics
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cut_service import cut_study, property_study, random_edits, session_study, size_study, trial
 from cut_service.planner import METHODS
 from tissue_sim import (
@@ -314,17 +316,19 @@ def test_random_cuts_and_undos_had_no_fault(repository: Path) -> None:
             assert tally.volume < trial.VOLUME_SNAPPED
         elif tally.way != "remove":
             assert tally.volume < trial.VOLUME_KEPT
-    # Spot check: figures depend on nothing but the code.
+    # Spot check: figures depend on nothing but the code and the kind of processor.
     then = [property_study.Tally(**row) for row in result["spot"]]
+    same = bench.target() == result["target"]
     for wanted, tally in zip(then, property_study.spot(result["seed"]), strict=True):
         assert tally.faults == []
         for name in ("organ", "way", "runs", "cuts", "missed", "undone", "redone", "most_parts"):
-            assert getattr(tally, name) == getattr(wanted, name)
-        assert abs(tally.ratio - wanted.ratio) < 1e-6
-    _sessions_had_no_fault(result)
+            if same or name in ("organ", "way", "runs"):
+                assert getattr(tally, name) == getattr(wanted, name)
+        assert abs(tally.ratio - wanted.ratio) < 1e-6 or not same
+    _sessions_had_no_fault(result, same)
 
 
-def _sessions_had_no_fault(result: dict[str, Any]) -> None:
+def _sessions_had_no_fault(result: dict[str, Any], same_processor: bool) -> None:
     """Cuts, tears, burns, patches, stitches and undos in random order."""
     tallies = {row["organ"]: session_study.SessionTally(**row) for row in result["sessions"]}
     assert list(tallies) == list(session_study.ORGANS)
@@ -341,6 +345,8 @@ def _sessions_had_no_fault(result: dict[str, Any]) -> None:
     for wanted in then:
         now = property_study.spot_session(wanted.organ, result["seed"])
         assert now.faults == []
-        for name in ("done", "missed", "most_parts", "deepest"):
-            assert getattr(now, name) == getattr(wanted, name)
-        assert abs(now.ratio - wanted.ratio) < 1e-6
+        assert now.sessions == wanted.sessions
+        if same_processor:
+            for name in ("done", "missed", "most_parts", "deepest"):
+                assert getattr(now, name) == getattr(wanted, name)
+            assert abs(now.ratio - wanted.ratio) < 1e-6
