@@ -16,6 +16,7 @@ from tissue_sim.compare.interaction import Interaction
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import Player
+from tissue_sim.elastic import registry
 from tissue_sim.elastic.spring_mass import FRAME
 
 KEPT = 0.9
@@ -108,7 +109,12 @@ def bought(subject: Subject, cost: StepCost, budget_ms: float, rate_hz: float) -
         return _share(subject, steps, True)
     if subject.model == "spring_mass":
         return _springs_in_time(subject, cost.time_step, steps, rate_hz)
-    sweeps = {"time_step": 1.0 / rate_hz, "iterations": max(steps, 1.0)}
+    most = next(
+        parameter.maximum
+        for parameter in registry.parameters_of(subject.model)
+        if parameter.name == "iterations"
+    )
+    sweeps = {"time_step": 1.0 / rate_hz, "iterations": min(max(steps, 1.0), most)}
     return _share(subject.with_values(sweeps), min(steps, 1.0), steps >= 1.0)
 
 
