@@ -25,6 +25,7 @@ from tissue_sim import (
     progressive_study,
     release_study,
 )
+from tissue_sim.compare.fit import fit_study_table, pool_study
 from tissue_sim.elastic import registry
 from tissue_sim.loop_study import WITH, LoopRow, as_markdown
 from tissue_sim.peers.measure import pulled
@@ -350,3 +351,14 @@ def _sessions_had_no_fault(result: dict[str, Any], same_processor: bool) -> None
             for name in ("done", "missed", "most_parts", "deepest"):
                 assert getattr(now, name) == getattr(wanted, name)
             assert abs(now.ratio - wanted.ratio) < 1e-6
+
+
+def test_fits_find_what_they_should_and_pools_gain(repository: Path) -> None:
+    fits = json.loads((repository / "docs/results/fit.json").read_text(encoding="utf-8"))
+    page = (repository / "docs/fit.md").read_text(encoding="utf-8")
+    assert fit_study_table.as_markdown(fits) in page
+    pools = json.loads((repository / "docs/results/pool.json").read_text(encoding="utf-8"))
+    assert pool_study.as_markdown(pools) in (repository / "docs/scale.md").read_text("utf-8")
+    assert all(row["same"] for row in pools["rows"])
+    speed_up = {(row["way"], row["workers"]): row["speed_up"] for row in pools["rows"]}
+    assert speed_up["pool", 2] > 1.5

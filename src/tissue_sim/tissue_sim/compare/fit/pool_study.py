@@ -168,6 +168,32 @@ def print_result(result: dict[str, Any], console: Console) -> None:
     console.print(table)
 
 
+def as_markdown(result: dict[str, Any]) -> str:
+    """What was measured and what the formula makes of it, as two tables."""
+    lines = [
+        "| | processes | started after | speed-up | overhead an evaluation | as in one process |",
+        "|---" * 6 + "|",
+    ]
+    lines += [
+        f"| {row['way']} | {row['workers']} | {row['start_s']:.1f} s | {row['speed_up']:.2f} | "
+        f"{row['overhead_ms']:.1f} ms | {'bit for bit' if row['same'] else 'no'} |"
+        for row in result["rows"]
+    ]
+    cores = sorted({row["cores"] for row in result["predicted"]})
+    seconds = {(row["population"], row["cores"]): row["seconds"] for row in result["predicted"]}
+    lines += [
+        "",
+        "| candidates, 30 generations | " + " | ".join(f"{count} cores" for count in cores) + " |",
+        "|---" * (len(cores) + 1) + "|",
+    ]
+    lines += [
+        f"| {population} | "
+        + " | ".join(f"{seconds[population, count]:.1f} s" for count in cores) + " |"
+        for population in sorted({population for population, _ in seconds})
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
 def _table(*headings: tuple[str, int]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for heading, least in headings:
