@@ -176,9 +176,14 @@ def test_interrupted_and_resumed_is_as_if_it_was_not(
         if (what, done) == ("search", 2):
             signal.raise_signal(signal.SIGINT)
 
-    with monkeypatch.context() as patched:
-        patched.setattr(command._Bar, "told", interrupt)
-        code, _, errors = tissue(capsys, "fit", "fit.yaml")
+    # Tests that run in the background of a shell ignore it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(command._Bar, "told", interrupt)
+            code, _, errors = tissue(capsys, "fit", "fit.yaml")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert code == INTERRUPTED
     assert "to go on: tissue fit fit.yaml --out out --resume" in errors
     assert "Traceback" not in errors

@@ -124,6 +124,8 @@ def test_no_process_outlives_the_one_that_started_it(
         [sys.executable, str(script), str(folder)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stderr=subprocess.DEVNULL,
+        # Tests that run in the background of a shell ignore it, and so would their children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     eventually(lambda: len(begun(folder)) == 2)
     evaluating = [psutil.Process(number) for number in begun(folder)]
