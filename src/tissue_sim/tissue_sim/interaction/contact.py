@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 from tissue_sim.elastic.model import Parameter
+from tissue_sim.interaction.tool_numbers import ToolNumbers
 
 PARAMETERS = (
     Parameter(
@@ -20,7 +21,7 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(ToolNumbers):
     """A penalty contact, p = max(0, -kappa g - delta dg/dt) with the gap g < 0 inside the probe.
 
     Attributes:
@@ -29,33 +30,8 @@ class Contact:
         contact_friction: Largest friction over normal force.
     """
 
+    parameters: ClassVar[tuple[Parameter, ...]] = PARAMETERS
+
     contact_stiffness: float = 2e7
     contact_damping: float = 2e4
     contact_friction: float = 0.2
-
-    def checked(self) -> Contact:
-        """This contact, if it is allowed.
-
-        Raises:
-            ValueError: A parameter is out of range; the message names the limits.
-        """
-        for parameter in PARAMETERS:
-            parameter.checked(getattr(self, parameter.name))
-        return self
-
-    def as_arguments(self) -> dict[str, float]:
-        """Its parameters by name; plain JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_arguments(cls, arguments: Mapping[str, float]) -> Contact:
-        """A checked contact from parameters by name; defaults for those left out.
-
-        Raises:
-            ValueError: A parameter is unknown or out of range.
-        """
-        known = [field.name for field in fields(cls)]
-        unknown = sorted(set(arguments) - set(known))
-        if unknown:
-            raise ValueError(f"unknown {', '.join(unknown)}; allowed: {', '.join(known)}")
-        return cls(**{name: float(value) for name, value in arguments.items()}).checked()

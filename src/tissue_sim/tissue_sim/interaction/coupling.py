@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tissue_sim.elastic.model import Parameter
 from tissue_sim.interaction import rigid
 from tissue_sim.interaction.reaction import shortened
+from tissue_sim.interaction.tool_numbers import ToolNumbers
 from tissue_sim.kernels.patches import PatchNumbers
 
 POSITION, FORCE = "position", "force"
@@ -35,7 +36,7 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(ToolNumbers):
     """A virtual coupling: a spring that gives way at its limit, and a damper; see `PARAMETERS`.
 
     Attributes:
@@ -47,39 +48,14 @@ class Coupling:
         torque_limit: Largest torque of the spring [N m].
     """
 
+    parameters: ClassVar[tuple[Parameter, ...]] = PARAMETERS
+
     stiffness: float = 500.0
     damping: float = 5.0
     angular_stiffness: float = 0.05
     angular_damping: float = 5e-4
     force_limit: float = 20.0
     torque_limit: float = 2.0
-
-    def checked(self) -> Coupling:
-        """This coupling, if it is allowed.
-
-        Raises:
-            ValueError: A parameter is out of range; the message names the limits.
-        """
-        for parameter in PARAMETERS:
-            parameter.checked(getattr(self, parameter.name))
-        return self
-
-    def as_arguments(self) -> dict[str, float]:
-        """Its parameters by name; plain JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_arguments(cls, arguments: Mapping[str, float]) -> Coupling:
-        """A checked coupling from parameters by name; defaults for those left out.
-
-        Raises:
-            ValueError: A parameter is unknown or out of range.
-        """
-        known = [field.name for field in fields(cls)]
-        unknown = sorted(set(arguments) - set(known))
-        if unknown:
-            raise ValueError(f"unknown {', '.join(unknown)}; allowed: {', '.join(known)}")
-        return cls(**{name: float(value) for name, value in arguments.items()}).checked()
 
     def numbers(self, seconds: float) -> PatchNumbers:
         """What the kernels want of it for a time step [s]."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.elastic.model import Parameter
+from tissue_sim.interaction.tool_numbers import ToolNumbers
 
 PARAMETERS = (
     Parameter("toughness", 0.0, 0.0, 1e6, "J/m^2", "work per area cut that resists the blade"),
@@ -29,7 +30,7 @@ SLOW = 1e-3
 
 
 @dataclass(frozen=True)
-class CutResponse:
+class CutResponse(ToolNumbers):
     """How tissue resists a blade; all off by default. See `PARAMETERS`.
 
     Attributes:
@@ -38,6 +39,8 @@ class CutResponse:
         puncture_force: Until it is reached the blade pushes the tissue [N]; 0: it opens at once.
         puncture_depth: Nor does the blade push it farther than this [m].
     """
+
+    parameters: ClassVar[tuple[Parameter, ...]] = PARAMETERS
 
     toughness: float = 0.0
     friction: float = 0.0
@@ -48,33 +51,6 @@ class CutResponse:
     def resists(self) -> bool:
         """Whether a blade feels what it cuts."""
         return self.toughness > 0.0 or self.friction > 0.0
-
-    def checked(self) -> CutResponse:
-        """This response, if it is allowed.
-
-        Raises:
-            ValueError: A parameter is out of range; the message names the limits.
-        """
-        for parameter in PARAMETERS:
-            parameter.checked(getattr(self, parameter.name))
-        return self
-
-    def as_arguments(self) -> dict[str, float]:
-        """Its parameters by name; plain JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_arguments(cls, arguments: Mapping[str, float]) -> CutResponse:
-        """A checked response from parameters by name; defaults for those left out.
-
-        Raises:
-            ValueError: A parameter is unknown or out of range.
-        """
-        known = [field.name for field in fields(cls)]
-        unknown = sorted(set(arguments) - set(known))
-        if unknown:
-            raise ValueError(f"unknown {', '.join(unknown)}; allowed: {', '.join(known)}")
-        return cls(**{name: float(value) for name, value in arguments.items()}).checked()
 
 
 def resistance(
