@@ -9,22 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tissue_sim.cli.main import BAD_INPUT, main
+from support.tissue_command import tissue
+from tissue_sim.cli.main import BAD_INPUT
 from tissue_sim.geometry.formats import load
 from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.shapes import block
-
-
-def tissue(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """Run the command in this process: exit code, output and errors."""
-    sys.argv = ["tissue", *arguments]
-    code = 0
-    try:
-        main()
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 @pytest.fixture(autouse=True)

@@ -11,23 +11,17 @@ import pytest
 
 from support.pulled_block import block_organ, pull_of
 from support.recorded_pull import pull_bag
-from tissue_sim.cli.main import BAD_INPUT, main
+from support.tissue_command import tissue
+from tissue_sim.cli.main import BAD_INPUT
 from tissue_sim.compare.interaction import Interaction
 from tissue_sim.compare.trajectory import Trajectory
 
 QUICK = ("--rate", "10", "--no-pictures")
 
 
-def tissue(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """Run `tissue compare` in this process: exit code, output and errors."""
-    sys.argv = ["tissue", "compare", *arguments]
-    code = 0
-    try:
-        main()
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    said = capsys.readouterr()
-    return code, said.out, said.err
+def compared(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Run `tissue compare`: exit code, output and errors."""
+    return tissue(capsys, "compare", *arguments)
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +47,7 @@ def small_wall(tmp_path: Path) -> str:
 def test_models_are_ranked_and_the_report_is_written(
     capsys: pytest.CaptureFixture[str], small_wall: str
 ) -> None:
-    code, out, err = tissue(
+    code, out, err = compared(
         capsys, small_wall, "-i", "oblique:4", "-i", "normal", "--amplitude", "3",
         "-t", "quasi_static", "-t", "soft=relaxation@0.5", "--machine", "thesis", *QUICK,
     )  # fmt: skip
@@ -76,7 +70,7 @@ def test_models_are_ranked_and_the_report_is_written(
 def test_what_was_kept_can_be_compared_with_again(
     capsys: pytest.CaptureFixture[str], small_wall: str
 ) -> None:
-    code, _, _ = tissue(
+    code, _, _ = compared(
         capsys, small_wall, "-i", "normal:3", "-t", "relaxation@1", "--keep", "--out", "first",
         "-r", "quasi_static@9", "--rrd", *QUICK,
     )  # fmt: skip
@@ -86,7 +80,7 @@ def test_what_was_kept_can_be_compared_with_again(
     assert sorted(file.name for file in kept.iterdir()) == [
         "interaction.npz", "reference.npz", "target_relaxation.npz"
     ]  # fmt: skip
-    code, _, err = tissue(
+    code, _, err = compared(
         capsys, small_wall, "-i", str(kept / "interaction.npz"), "--out", "second",
         "-r", str(kept / "reference.npz"), "-t", "quasi_static@9", "-t", "relaxation@1", *QUICK,
     )  # fmt: skip
@@ -100,7 +94,16 @@ def test_what_was_kept_can_be_compared_with_again(
     assert again["mean_m"] == first["targets"][0]["mean_m"]
     assert second["reference"]["subject"] is None
     code, _, err = tissue(
-        capsys, small_wall, "-i", "normal:2", "-r", str(kept / "reference.npz"), "-t", "lr", *QUICK
+        capsys,
+        "compare",
+        small_wall,
+        "-i",
+        "normal:2",
+        "-r",
+        str(kept / "reference.npz"),
+        "-t",
+        "lr",
+        *QUICK,
     )
     assert code == BAD_INPUT
     assert "was made under another interaction than normal" in err
@@ -109,7 +112,7 @@ def test_what_was_kept_can_be_compared_with_again(
 def test_targets_of_one_model_are_told_apart(
     capsys: pytest.CaptureFixture[str], small_wall: str
 ) -> None:
-    code, _, _ = tissue(
+    code, _, _ = compared(
         capsys, small_wall, "-i", "normal:3", "-r", "quasi_static@9", "-t", "relaxation@1",
         "-t", "relaxation@2", "--effort", "4", *QUICK,
     )  # fmt: skip
@@ -151,7 +154,7 @@ def test_targets_of_one_model_are_told_apart(
 def test_wrong_input_is_one_line_that_says_what_is_allowed(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
-    code, out, err = tissue(capsys, *arguments, "--rate", "10")
+    code, out, err = compared(capsys, *arguments, "--rate", "10")
     assert code == BAD_INPUT
     assert out == ""
     assert said in err
@@ -165,19 +168,19 @@ def test_files_of_another_topology_are_refused(
 ) -> None:
     organ = block_organ()
     pull_of(organ).save(Path("pull.npz"))
-    code, _, err = tissue(capsys, small_wall, "-i", "pull.npz", "-t", "lr")
+    code, _, err = compared(capsys, small_wall, "-i", "pull.npz", "-t", "lr")
     assert code == BAD_INPUT
     assert "was recorded on another topology" in err
     frames = np.zeros((45, 64, 3), dtype=np.float32)
     Trajectory(
         "kept", 10.0, frames, np.ones(45, dtype=np.int64), np.zeros(45), 45, organ.digest
     ).save(Path("kept.npz"))
-    code, _, err = tissue(
+    code, _, err = compared(
         capsys, small_wall, "-i", "normal", "-r", "kept.npz", "-t", "lr", "--rate", "10"
     )
     assert code == BAD_INPUT
     assert "kept has another topology" in err
-    code, _, err = tissue(capsys, small_wall, "-i", "normal", "-r", "pull.npz", "-t", "lr")
+    code, _, err = compared(capsys, small_wall, "-i", "normal", "-r", "pull.npz", "-t", "lr")
     assert code == BAD_INPUT
     assert Interaction.load(Path("pull.npz")).frames == 6
 
@@ -186,7 +189,7 @@ def test_what_a_recording_measured_is_a_reference(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     bag, _ = pull_bag(tmp_path / "recorded")
-    code, out, err = tissue(
+    code, out, err = compared(
         capsys, "-i", str(bag), "-r", "measured", "-t", "quasi_static@2", "--no-pictures"
     )
     assert (code, err) == (0, "")
@@ -199,7 +202,7 @@ def test_bags_without_what_is_needed_are_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "empty").mkdir()
-    code, _, err = tissue(capsys, "-i", "empty", "-t", "lr")
+    code, _, err = compared(capsys, "-i", "empty", "-t", "lr")
     assert code == BAD_INPUT
     assert err.count("\n") == 1
     assert "empty" in err

@@ -18,8 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.bags import ROOMY
+from support.tissue_command import tissue
 from tissue_sim.cli import fit as command
-from tissue_sim.cli.main import BAD_INPUT, INTERRUPTED, main
+from tissue_sim.cli.main import BAD_INPUT, INTERRUPTED
 from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.fit.scene_lines import scene_lines
 from tissue_sim.compare.interaction import Interaction
@@ -42,18 +43,6 @@ FIT: dict[str, Any] = {
     "processes": 1,
     "out": "out",
 }
-
-
-def tissue(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """Run the command in this process: exit code, output and errors."""
-    sys.argv = ["tissue", *arguments]
-    code = 0
-    try:
-        main()
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 @pytest.fixture(autouse=True)
