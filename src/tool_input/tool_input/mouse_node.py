@@ -69,7 +69,7 @@ class MouseNode(Node):
         self._point: NDArray[np.float64] | None = None
         self._requests = 0
         self._topics = ToolTopics(self, self._tool, self._frame_id)
-        self._services = {
+        self._asks = {
             "cut": self.create_client(Cut, "tissue/cut"),
             "set_model": self.create_client(SetModel, "tissue/set_model"),
             "set_tool": self.create_client(SetTool, "tissue/set_tool"),
@@ -205,7 +205,7 @@ class MouseNode(Node):
         return f"{self.get_name()}-{time.time_ns():x}-{self._requests}"
 
     def _call(self, service: str, request: object) -> None:
-        client = self._services[service]
+        client = self._asks[service]
         if not client.service_is_ready():
             self.page.show_status(f"tissue/{service} is not there: is its node running?")
             return
