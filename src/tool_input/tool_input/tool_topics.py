@@ -39,6 +39,7 @@ class ToolTopics:
             frame_id: Frame the poses are given in.
         """
         self.tool = tool
+        self._node = node
         self._clock = node.get_clock()
         self._frame_id = frame_id
         self._poses = node.create_publisher(PoseStamped, f"tools/{tool}/servo_cp", qos.POSE)
@@ -60,3 +61,8 @@ class ToolTopics:
     def use(self, pressed: bool) -> None:
         """Publish whether the tool is pressed."""
         self._uses.publish(Bool(data=bool(pressed)))
+
+    def close(self) -> None:
+        """Publish no more: the tool has room for another source."""
+        self._node.destroy_publisher(self._poses)
+        self._node.destroy_publisher(self._uses)

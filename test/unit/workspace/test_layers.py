@@ -40,6 +40,8 @@ ROS_SIDE = (
     "tool_input/diagnostics_topic.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
+    "tool_input/table/desk.py",
+    "tool_input/table/person.py",
     "tool_input/tool_topics.py",
 )
 # No file in these folders may join the list above.

@@ -1,0 +1,206 @@
+"""Somebody at the operating table: one window, its name and its tools."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Coroutine, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from tissue_interfaces.msg import Tool
+from tissue_interfaces.srv import RemoveTool, SetTool
+
+from tool_input.motion import Pose
+from tool_input.tool_topics import ToolTopics, pose_message
+
+if TYPE_CHECKING:
+    from tool_input.table.desk import Desk
+
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+"""The orientation of a tool whose axes are the organ's."""
+
+
+class PersonTool:
+    """One tool of a person: made in the simulation, moved by its topics.
+
+    While it has a pose that pose is published again and again, as a hand that rests would.
+
+    Attributes:
+        id: Its name in the simulation, `<person>_<name>`.
+        message: What `tissue/set_tool` was asked for last.
+        pose: Where it is wanted; None: it has not been moved yet.
+        pressed: Whether it is in use.
+    """
+
+    def __init__(self, person: Person, name: str) -> None:
+        """Begin with a tool that is not there yet; see `PersonTools.make`."""
+        self._person = person
+        self.id = f"{person.tool_prefix}_{name}"
+        self.message = Tool(id=self.id, owner=person.name)
+        self.pose: Pose | None = None
+        self.pressed = False
+        self._topics = ToolTopics(person.desk.node, self.id, person.desk.frame_id)
+
+    def change(self, kind: str, shape: str, size: Sequence[float], **more: Any) -> None:
+        """Ask for another kind, shape or size [m] of it; `more` are fields of `Tool`."""
+        self.message.kind, self.message.shape = kind, shape
+        self.message.size = [float(value) for value in size]
+        for field, value in more.items():
+            setattr(self.message, field, value)
+        if self.pose is not None:
+            self.message.pose = pose_message(self.pose)
+        self._person.request("set_tool", SetTool.Request(tool=self.message))
+
+    def move(self, position: Sequence[float], quaternion: Sequence[float] | None = None) -> None:
+        """Want it somewhere: position [m], and quaternion x y z w (as it is, if none is given)."""
+        turned = UPRIGHT if self.pose is None else self.pose.quaternion
+        if quaternion is not None:
+            turned = np.asarray(quaternion, dtype=np.float64)
+        self.pose = Pose(np.asarray(position, dtype=np.float64), turned)
+        self._topics.pose(self.pose)
+
+    def use(self, pressed: bool) -> None:
+        """Press or release it where it is."""
+        self.repeat()
+        self.pressed = pressed
+        self._topics.use(pressed)
+
+    def repeat(self) -> None:
+        """Publish where it is once more."""
+        if self.pose is not None:
+            self._topics.pose(self.pose)
+
+    def remove(self) -> None:
+        """Let go and take it out of the simulation."""
+        if self.pressed:
+            self.use(False)
+        self._person.request("remove_tool", RemoveTool.Request(tool=self.id))
+        self._topics.close()
+
+
+class PersonTools:
+    """The tools of one person by their short names, such as "grab"."""
+
+    def __init__(self, person: Person) -> None:
+        """Begin with none."""
+        self._person = person
+        self._tools: dict[str, PersonTool] = {}
+
+    def make(
+        self, name: str, kind: str, shape: str, size: Sequence[float], **more: Any
+    ) -> PersonTool:
+        """Make a tool, or change the one of that name.
+
+        Args:
+            name: Short name; the tool is called `<person>_<name>`.
+            kind: `Tool.GRAB`, `CUT`, `BURN`, `PATCH` or `PROBE`.
+            shape: One that the kind can have; see `Tool`.
+            size: Of the shape [m].
+            more: Further fields of `Tool`, such as `cutting`.
+
+        Raises:
+            ValueError: The person only watches.
+        """
+        self._person.refuse_observers("move tools")
+        tool = self._tools.get(name)
+        if tool is None:
+            tool = self._tools[name] = PersonTool(self._person, name)
+        tool.change(kind, shape, size, **more)
+        return tool
+
+    def remove(self, name: str) -> None:
+        """Take a tool out of the simulation, if there is one of this name."""
+        tool = self._tools.pop(name, None)
+        if tool is not None:
+            tool.remove()
+
+    def clear(self) -> None:
+        """Take all of them out."""
+        for name in list(self._tools):
+            self.remove(name)
+
+    def make_again(self) -> None:
+        """Ask for all of them once more, after another organ was loaded."""
+        for tool in self._tools.values():
+            tool.pressed = False
+            self._person.request("set_tool", SetTool.Request(tool=tool.message))
+
+    def repeat(self) -> None:
+        """Publish where they are once more."""
+        for tool in self._tools.values():
+            tool.repeat()
+
+
+class Person:
+    """Somebody who works or watches in one window.
+
+    Attributes:
+        name: Such as "anna-1"; the owner of the tools and the author of the edits.
+        desk: What connects everybody to the simulation.
+        observer: Whether the person only watches.
+        tools: Their tools.
+    """
+
+    def __init__(
+        self, name: str, desk: Desk, tell: Callable[[str], None], observer: bool = False
+    ) -> None:
+        """Begin without tools.
+
+        Args:
+            name: Letters, digits, `_` and `-`.
+            desk: What connects everybody to the simulation.
+            tell: Shows a text in their window.
+            observer: Whether the person only watches.
+        """
+        self.name = name
+        self.desk = desk
+        self.observer = observer
+        self.tell = tell
+        self.tools = PersonTools(self)
+
+    @property
+    def tool_prefix(self) -> str:
+        """What the names of their tools begin with; topics have no hyphens."""
+        return self.name.replace("-", "_")
+
+    def request(
+        self, service: str, request: Any, answered: Callable[[Any], None] | None = None
+    ) -> None:
+        """Ask the simulation for something: `Desk.request` in the person's name."""
+        self.desk.request(self, service, request, answered)
+
+    def refuse_observers(self, doing: str) -> None:
+        """Stop those who only watch.
+
+        Raises:
+            ValueError: The person only watches.
+        """
+        if self.observer:
+            raise ValueError(
+                f"observers cannot {doing}: open the page's other address to take part"
+            )
+
+    def in_turn(self, act: Callable[..., None]) -> Callable[..., Coroutine[Any, Any, None]]:
+        """A callback for viser that acts in the node's thread, in the order of the events.
+
+        Args:
+            act: Called with viser's event, or without it if it takes no argument. What it raises
+                as ValueError is told to the person.
+        """
+        takes_event = bool(inspect.signature(act).parameters)
+
+        async def callback(event: Any) -> None:
+            self.desk.soon(lambda: self.attempt(act, *([event] if takes_event else [])))
+
+        return callback
+
+    def attempt(self, act: Callable[..., None], *arguments: Any) -> None:
+        """Act, and tell the person why it cannot be done if it cannot."""
+        try:
+            act(*arguments)
+        except ValueError as error:
+            self.tell(str(error))
+
+    def leave(self) -> None:
+        """The window is gone: let go of everything."""
+        self.tools.clear()
