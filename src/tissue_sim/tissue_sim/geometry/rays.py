@@ -65,11 +65,29 @@ def _cross(
     triangle: NDArray[np.int64],
     leaving: NDArray[np.bool_],
 ) -> int:
-    """Fill the last three arrays; the number of crossings (Moeller and Trumbore 1997)."""
+    """Fill the last three arrays; the number of crossings (Moeller and Trumbore 1997).
+
+    Nearly all triangles lie on one side of a plane through the ray, and are passed over.
+    """
     dx, dy, dz = direction[0], direction[1], direction[2]
+    # A direction across the ray: along the axis it is least along, without its part along the ray.
+    axis = np.argmin(np.abs(direction))
+    nx, ny, nz = -direction[axis] * dx, -direction[axis] * dy, -direction[axis] * dz
+    nx, ny, nz = nx + (axis == 0), ny + (axis == 1), nz + (axis == 2)
+    at = origin[0] * nx + origin[1] * ny + origin[2] * nz
+    side = np.empty(len(positions))
+    largest = 0.0
+    for node in range(len(positions)):
+        side[node] = (
+            positions[node, 0] * nx + positions[node, 1] * ny + positions[node, 2] * nz - at
+        )
+        largest = max(largest, abs(side[node]))
+    near = _BESIDE * largest
     count = 0
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if min(side[a], side[b], side[c]) > near or max(side[a], side[b], side[c]) < -near:
+            continue
         ax, ay, az = (
             np.float64(positions[a, 0]),
             np.float64(positions[a, 1]),
