@@ -165,8 +165,22 @@ class LiveSimulation:
         Returns:
             The frame, and what answers its requests once it is published.
         """
+        self._empty_inbox()
+        inputs, answers_to = self._gather(now)
+        frame = self._advance(inputs, self._live_budget(until))
+
+        def answer() -> None:
+            for request, result in zip(answers_to, frame.answers, strict=True):
+                request.done(result)
+
+        return frame, answer
+
+    def _empty_inbox(self) -> None:
         for _ in range(len(self._inbox)):
             self._inbox.popleft()()
+
+    def _gather(self, now: float) -> tuple[FrameInputs, list[Request]]:
+        """What takes effect in the next frame; who asked for its commands, then for its edits."""
         commands: list[Command] = []
         answers_to: list[Request] = []
         self._finish_jobs(commands, answers_to)
@@ -174,21 +188,20 @@ class LiveSimulation:
             self._accept(self._requests.popleft(), commands, answers_to)
         samples = self._samples(now, commands, answers_to)
         edits = self._planned(answers_to)
-        inputs = FrameInputs(tuple(commands), edits, samples)
+        return FrameInputs(tuple(commands), edits, samples), answers_to
+
+    def _live_budget(self, until: float) -> Budget:
         static = self.simulation.model.time_step is None
         steps = self.steps_per_frame if static else 0
-        budget = Budget(self.budget, steps or None, until)
-        changes = edits or any(command.kind in (UNDO, REDO) for command in commands)
+        return Budget(self.budget, steps or None, until)
+
+    def _advance(self, inputs: FrameInputs, budget: Budget) -> Frame:
+        changes = inputs.edits or any(command.kind in (UNDO, REDO) for command in inputs.commands)
         with self._mesh_changes if changes else contextlib.nullcontext():
             frame = self.simulation.advance(inputs, budget)
         if frame.tools_changed:
             self._follow_tools()
-
-        def answer() -> None:
-            for request, result in zip(answers_to, frame.answers, strict=True):
-                request.done(result)
-
-        return frame, answer
+        return frame
 
     def _samples(
         self, now: float, commands: list[Command], answers_to: list[Request]
@@ -197,7 +210,7 @@ class LiveSimulation:
         # While time stands still what is held does not move.
         period = 0.0 if simulation.paused else 1.0 / simulation.scene.rate_hz
         samples = []
-        for tool, tracker in self.trackers.items():
+        for tool, tracker in self._sourced().items():
             holds = simulation.holds.of_tool(tool)
             busy = bool(holds) or tool in simulation.blades.strokes
             sample, let_go = tracker.sample(now, period, busy)
@@ -206,6 +219,10 @@ class LiveSimulation:
                 commands.append(Command("release", {"hold_id": 0, "tool": tool}))
                 answers_to.append(Request("release"))
         return tuple(samples)
+
+    def _sourced(self) -> Mapping[str, ToolTracker]:
+        """The tools that are moved by their sources."""
+        return self.trackers
 
     def _planned(self, answers_to: list[Request]) -> tuple[TopologyEdit, ...]:
         """Edits for this frame; they wait while a model is built on the mesh as it is."""

@@ -73,6 +73,8 @@ class ToolTracker:
         self._stale = False
         self._clutched = False
         self._at_clutch: NDArray[np.float64] | None = None
+        # Where it is until a source says otherwise.
+        self._waits_at = self.pose
         # The source's place and orientation that correspond to `_base`.
         self._reference = rigid.IDENTITY
         self._base = np.array([*spec.offset, *rigid.IDENTITY[3:]])
@@ -146,9 +148,16 @@ class ToolTracker:
         """Say which nodes publish the tool's pose."""
         self._sources = tuple(sorted(names))
 
+    def adopt(self, sample: ToolSample) -> None:
+        """Be as somebody else has used the tool, so that the first source goes on from there."""
+        self.pose = self._waits_at = sample.pose.copy()
+        self._used_stamp = sample.stamp
+        self._level = self._source_level = sample.use
+
     def change(self, spec: ToolSpec) -> None:
         """Change what the tool is, keeping its source; without one it goes to the new pose."""
         self.spec = spec
+        self._waits_at = np.array(spec.pose)
         self._base = np.array([*spec.offset, *rigid.IDENTITY[3:]])
         self._reference = rigid.IDENTITY
 
@@ -210,7 +219,7 @@ class ToolTracker:
 
     def _follow(self, source: _Received | None, farthest: float) -> None:
         """Go where the source is, or to the tool's own pose without one, but not too far."""
-        wanted = np.array(self.spec.pose) if source is None else self._mapped(source.pose)
+        wanted = self._waits_at.copy() if source is None else self._mapped(source.pose)
         way = wanted[:3] - self.pose[:3]
         distance = float(np.linalg.norm(way))
         if distance > farthest:
