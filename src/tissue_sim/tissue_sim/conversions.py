@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose, PoseStamped, WrenchStamped
+from geometry_msgs.msg import Pose, PoseStamped, Wrench, WrenchStamped
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 from tissue_interfaces.msg import Command as CommandMsg
@@ -133,9 +133,14 @@ def pose_stamped(
 
 def wrench_stamped(wrench: NDArray[np.float64], frame_id: str, stamp: Time) -> WrenchStamped:
     """Force [N] and torque [N m], shape (6,), as a stamped message."""
-    message = WrenchStamped(header=header(frame_id, stamp))
+    return WrenchStamped(header=header(frame_id, stamp), wrench=wrench_message(wrench))
+
+
+def wrench_message(wrench: NDArray[np.float64]) -> Wrench:
+    """Force [N] and torque [N m], shape (6,), as a message."""
+    message = Wrench()
     fx, fy, fz, tx, ty, tz = (float(value) for value in wrench)
-    force, torque = message.wrench.force, message.wrench.torque
+    force, torque = message.force, message.torque
     force.x, force.y, force.z = fx, fy, fz
     torque.x, torque.y, torque.z = tx, ty, tz
     return message

@@ -30,7 +30,7 @@ pose of a frame is used; the queue holds all that come in one, so that none is l
 unchecked."""
 
 MEASURED = _profile(1)
-"""tools/<tool>/measured_cp and measured_cf."""
+"""tools/<tool>/measured_cp, measured_cf and contact_model."""
 
 READINGS = _profile(10)
 """tissue/readings: a warning that is over is told of once."""

@@ -454,7 +454,7 @@ class Simulation:
         end = min(time.perf_counter() + budget.seconds, budget.until)
         if self._predictor is not None:
             self._predictor.predict(self.model, self.state)
-        pulled, probing = self._pulled_holds(), self._probing()
+        pulled, probing = self._pulled_holds(), self.probing()
         seconds: list[float] = []
         longest, last = 0.0, time.perf_counter()
         while True:
@@ -476,7 +476,7 @@ class Simulation:
                 return seconds
             last = now
 
-    def _probing(self) -> list[tuple[ToolSpec, NDArray[np.float64]]]:
+    def probing(self) -> list[tuple[ToolSpec, NDArray[np.float64]]]:
         """Probes in use, and their poses."""
         return [
             (tool, self.poses[tool.id])
@@ -486,7 +486,7 @@ class Simulation:
 
     def _find_contacts(self) -> None:
         """Find what probes touch; the model is told when that is something else."""
-        probing = self._probing()
+        probing = self.probing()
         if not probing and not len(self.probes.rows):
             return
         if self.probes.begin(probing, self.state, self.model, self.holds.owner != 0):
@@ -541,17 +541,20 @@ class Simulation:
         wrenches = dict(self.blades.wrenches)
         if not self.model.has_forces:
             return wrenches
-        for tool, pose in self._probing():
+        for tool, pose in self.probing():
             wrenches[tool.id] = self.probes.wrench(tool.id, pose, self.state)
         for hold in self.holds.by_id.values():
-            pose = self.poses[hold.tool]
-            if hold.patch is not None:
-                wrench = self.tools[hold.tool].coupling.wrench_on_tool(pose, hold.patch.pose)
-            else:
-                forces = self.model.forces(self.state, hold.rows)
-                wrench = wrench_on_tool(forces, self._places(hold.rows), pose[:3])
+            wrench = self.hold_wrench(hold)
             wrenches[hold.tool] = wrenches.get(hold.tool, NOTHING) + wrench
         return wrenches
+
+    def hold_wrench(self, hold: Hold) -> NDArray[np.float64]:
+        """Force [N] and torque about the tip [N m] of a hold on its tool, shape (6,)."""
+        pose = self.poses[hold.tool]
+        if hold.patch is not None:
+            return self.tools[hold.tool].coupling.wrench_on_tool(pose, hold.patch.pose)
+        forces = self.model.forces(self.state, hold.rows)
+        return wrench_on_tool(forces, self._places(hold.rows), pose[:3])
 
     def _places(self, rows: NDArray[np.int32]) -> NDArray[np.float64]:
         places: NDArray[np.float64] = self.mesh.rest[rows] + self.state.displacement[rows]

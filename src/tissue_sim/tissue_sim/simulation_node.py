@@ -24,6 +24,7 @@ from tissue_sim.diagnostics import LoopStatistics, tool_findings, wiring_finding
 from tissue_sim.frame import Frame
 from tissue_sim.geometry import scene_geometry
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.contact_model import ContactModel, ContactModels
 from tissue_sim.interaction.reaction import NOTHING, ForceLimiter
 from tissue_sim.interaction.tracker import ACTIVE, FREE
 from tissue_sim.live import LiveSimulation, mesh_for_keyframe
@@ -65,6 +66,7 @@ class SimulationNode(Node):
         self._rate = FixedRate(self._settings.scene.rate_hz)
         self._stop = threading.Event()
         self._limiters: dict[str, ForceLimiter] = {}
+        self._contacts = ContactModels()
         self._force_limits = self._settings.force_limits
         self._message = ""
         self._unknown_tools: list[str] = []
@@ -187,6 +189,7 @@ class SimulationNode(Node):
             self._switched = self._live.switched
             self._keyframes.publish(self._live.prepared, begun)
             self._limiters.clear()
+            self._contacts = ContactModels()
         self._topics.publish_frame(frame, stamp)
         self._publish_tools(frame, stamp)
         published = time.perf_counter()
@@ -215,6 +218,10 @@ class SimulationNode(Node):
             # A tool removed just now has no publishers any more.
             with contextlib.suppress(InvalidHandle):
                 topics.publish(simulation.poses[tool], wrench, stamp)
+                if topics.contact_wanted:
+                    pose = simulation.poses[tool]
+                    touches = self._contacts.of(simulation, tool) if may_push else None
+                    topics.publish_contact(touches or ContactModel(pose), stamp)
 
     def _after(self, frame: Frame, late: bool, stamp: Time) -> None:
         """What can wait until the frame is published."""

@@ -13,6 +13,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from tissue_interfaces.msg import ContactModel as ContactModelMsg
 from tissue_interfaces.msg import (
     CutRequest,
     Journal,
@@ -25,10 +26,12 @@ from tissue_interfaces.msg import (
 )
 
 from tissue_sim import conversions, qos
+from tissue_sim.contact_messages import contact_to_msg
 from tissue_sim.diagnostics import Finding
 from tissue_sim.frame import Frame
 from tissue_sim.geometry.components import parts_of
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.interaction.contact_model import ContactModel
 from tissue_sim.interaction.tracker import ToolTracker
 
 
@@ -163,10 +166,14 @@ class SimulationTopics:
 
 
 class ToolTopics:
-    """Publishers of one tool's measured pose and force."""
+    """Publishers of one tool's measured pose and force, and of the contact it feels."""
 
     def __init__(self, node: Node, tool: str, frame_id: str) -> None:
         self.frame_id = frame_id
+        self._tool = tool
+        self._contact = node.create_publisher(
+            ContactModelMsg, f"tools/{tool}/contact_model", qos.MEASURED
+        )
         self.pose = node.create_publisher(PoseStamped, f"tools/{tool}/measured_cp", qos.MEASURED)
         self.wrench = node.create_publisher(
             WrenchStamped, f"tools/{tool}/measured_cf", qos.MEASURED
@@ -180,8 +187,18 @@ class ToolTopics:
         if wrench is not None:
             self.wrench.publish(conversions.wrench_stamped(wrench, self.frame_id, stamp))
 
+    @property
+    def contact_wanted(self) -> bool:
+        """Whether somebody listens to the contact's model."""
+        return bool(self._contact.get_subscription_count())
+
+    def publish_contact(self, model: ContactModel, stamp: Time) -> None:
+        """Publish what the tool feels near where it is."""
+        self._contact.publish(contact_to_msg(model, self._tool, self.frame_id, stamp))
+
     def destroy(self, node: Node) -> None:
         """Take the publishers down."""
+        node.destroy_publisher(self._contact)
         node.destroy_publisher(self.pose)
         node.destroy_publisher(self.wrench)
 

@@ -24,6 +24,7 @@ ROS_SIDE = (
     "cut_service/suture_server.py",
     "cut_service/tissue_watch.py",
     "tissue_sim/condition_topics.py",
+    "tissue_sim/contact_messages.py",
     "tissue_sim/hole_messages.py",
     "tissue_sim/node_main.py",
     "tissue_sim/polled_subscriptions.py",

@@ -65,6 +65,26 @@ class Coupling(ToolNumbers):
             self.force_limit, self.torque_limit,
         )  # fmt: skip
 
+    def tangent(self, tool: NDArray[np.float64], patch: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The spring's stiffness there, shape (6, 6): none along a force that is at its limit.
+
+        Args:
+            tool: Pose of the tool, shape (7,).
+            patch: Pose of the patch, shape (7,).
+        """
+        way = rigid.motion(tool, patch)
+        tangent = np.zeros((6, 6))
+        for part, stiffness, limit in (
+            (slice(0, 3), self.stiffness, self.force_limit),
+            (slice(3, 6), self.angular_stiffness, self.torque_limit),
+        ):
+            length = float(np.linalg.norm(way[part]))
+            tangent[part, part] = stiffness * np.eye(3)
+            if stiffness * length > limit:
+                along = way[part] / length
+                tangent[part, part] = limit / length * (np.eye(3) - np.outer(along, along))
+        return tangent
+
     def wrench_on_tool(
         self, tool: NDArray[np.float64], patch: NDArray[np.float64]
     ) -> NDArray[np.float64]:
@@ -74,9 +94,8 @@ class Coupling(ToolNumbers):
             tool: Pose of the tool, shape (7,).
             patch: Pose of the patch, shape (7,).
         """
-        turn = rigid.rotation_vector(rigid.multiply(patch[3:], rigid.conjugate(tool[3:])))
-        pull = self.stiffness * (patch[:3] - tool[:3])
-        twist = self.angular_stiffness * turn
+        way = rigid.motion(tool, patch)
+        pull, twist = self.stiffness * way[:3], self.angular_stiffness * way[3:]
         return np.concatenate(
             [shortened(pull, self.force_limit), shortened(twist, self.torque_limit)]
         )

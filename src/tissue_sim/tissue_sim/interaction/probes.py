@@ -74,6 +74,25 @@ class Touch:
     last_tip: Reals | None = None
 
 
+@dataclass(frozen=True)
+class Pressed:
+    """Nodes inside a probe.
+
+    Attributes:
+        places: Where they are [m], shape (k, 3).
+        normal: Directions out of the probe, shape (k, 3).
+        depth: How deep each is in it [m], shape (k,).
+        slip: Way of each along the probe since its anchor [m], shape (k, 3).
+        area: Surface of each [m^2], shape (k,).
+    """
+
+    places: Reals
+    normal: Reals
+    depth: Reals
+    slip: Reals
+    area: Reals
+
+
 class Probes:
     """The probes in use.
 
@@ -162,6 +181,22 @@ class Probes:
         places = self._mesh.rest[touch.rows] + state.displacement[touch.rows]
         torque = np.cross(places - pose[:3], -touch.force).sum(axis=0)
         return np.concatenate([-touch.force.sum(axis=0), torque])
+
+    def pressed(self, tool: ToolSpec, pose: Reals, state: State) -> Pressed:
+        """Where and how far the tissue is pressed by a probe as things are."""
+        touch = self.touches.get(tool.id) or Touch()
+        gap, normal = self._gaps(touch.rows, tool, pose, state)
+        places, slip = self._slip(touch, pose, state, normal)
+        inside = gap < 0.0
+        return Pressed(
+            places[inside], normal[inside], -gap[inside], slip[inside], touch.area[inside]
+        )
+
+    def _slip(self, touch: Touch, pose: Reals, state: State, normal: Reals) -> tuple[Reals, Reals]:
+        """Places of the nodes in contact, and how far each is along the probe from its anchor."""
+        places = self._mesh.rest[touch.rows] + state.displacement[touch.rows]
+        slip = places - rigid.to_world(pose, touch.anchors)
+        return places, slip - np.einsum("ij,ij->i", slip, normal)[:, None] * normal
 
     def _search(
         self, touch: Touch, tool: ToolSpec, pose: Reals, state: State, taken: NDArray[np.bool_]
@@ -258,9 +293,7 @@ class Probes:
         pressure = -contact.contact_stiffness * gap - contact.contact_damping * closing
         pressing = (gap < 0.0) & (pressure > 0.0)
         push = np.where(pressing, touch.area * pressure, 0.0)
-        places = self._mesh.rest[touch.rows] + state.displacement[touch.rows]
-        slip = places - rigid.to_world(pose, touch.anchors)
-        slip -= np.einsum("ij,ij->i", slip, normal)[:, None] * normal
+        places, slip = self._slip(touch, pose, state, normal)
         stiffness = touch.area * contact.contact_stiffness
         pull = stiffness * np.linalg.norm(slip, axis=1)
         most = contact.contact_friction * push

@@ -107,6 +107,12 @@ def rotation_vector(q: NDArray[np.float64]) -> NDArray[np.float64]:
     return q[:3] * (angle / sine)
 
 
+def motion(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From one pose to another: way [m] and rotation vector [rad], in outer axes, shape (6,)."""
+    turn = rotation_vector(multiply(end[3:], conjugate(start[3:])))
+    return np.concatenate([end[:3] - start[:3], turn])
+
+
 def compose(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:
     """The pose that first applies `inner`, then `outer`, shape (7,)."""
     position = matrix(outer[3:]) @ inner[:3] + outer[:3]
