@@ -18,7 +18,7 @@ from cut_service.selection import TIE
 from cut_service.sweep import Sweep
 from cut_service.sweep_kernels import crossed_edges
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.geometry.sheet import edge_keys
+from tissue_sim.geometry.sheet import edge_keys, edges_of_keys
 
 Rows = NDArray[np.int32]
 Keys = NDArray[np.int64]
@@ -106,6 +106,12 @@ def cross(mesh: Mesh, positions: NDArray[np.float64], solid: Rows, sweep: Sweep)
     first, second = edges.T
     keep = (ranks[first] < ranks[second]) | ((ranks[first] == ranks[second]) & (first < second))
     edges = np.where(keep[:, None], edges, edges[:, ::-1])
+    given = _give_up(rows, corners, triangle, edges)
+    return _give_up(rows, corners, triangle, _without_spurs(edges, given.keys))
+
+
+def _give_up(rows: Rows, corners: Rows, triangle: NDArray[np.intp], edges: Rows) -> Crossing:
+    """What is crossed if the crossed edges of the triangles give up their first ends."""
     chosen = np.zeros((len(rows), 3), dtype=np.bool_)
     for place in range(3):
         chosen[triangle[corners[triangle, place] == edges[:, 0]], place] = True
@@ -114,6 +120,23 @@ def cross(mesh: Mesh, positions: NDArray[np.float64], solid: Rows, sweep: Sweep)
     return Crossing(
         rows, np.unique(edges[:, 0]), np.unique(edges, axis=0), np.unique(edge_keys(ends))
     )
+
+
+def _without_spurs(edges: Rows, keys: Keys) -> Rows:
+    """The crossed edges, those turned that would be slit from a line of the cut to its side.
+
+    Where a node is alone on its side of the sweep, all edges at it are crossed and give it up, but
+    for one whose other end is closer. Both ends of that one are given up, so it would be cut as a
+    spur of the line through the node, though the sweep only passes by its closer end.
+    """
+    if not len(keys):
+        return edges
+    degree = np.bincount(edges_of_keys(keys).ravel(), minlength=edges.max() + 1)
+    given_up = np.bincount(np.unique(edges, axis=0)[:, 0], minlength=len(degree))
+    closer, branch = edges.T
+    spurs = np.isin(edge_keys(edges), keys) & (given_up[closer] == 1)
+    spurs &= (degree[closer] == 1) & (degree[branch] > 2)
+    return np.where(spurs[:, None], edges[:, ::-1], edges)
 
 
 def _ranks(positions: NDArray[np.float64], corners: Rows, sweep: Sweep) -> NDArray[np.int64]:
