@@ -6,7 +6,7 @@ import itertools
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -60,6 +60,20 @@ OBSERVERS_MAY = frozenset({"set_readings"})
 """What those may ask for who only watch: it changes nothing but what everybody sees."""
 
 
+SERVICE_PATIENCE = 5.0
+"""[s] How long a request waits for its service: discovery takes a moment."""
+
+
+class _Waiting(NamedTuple):
+    """A request on its way to its service."""
+
+    until: float
+    person: Person
+    service: str
+    request: Any
+    answered: Callable[[Any], None] | None
+
+
 class Desk:
     """Everybody's connection to the simulation. All of it is used in the node's thread only.
 
@@ -101,6 +115,7 @@ class Desk:
         self._surface: tuple[bytes, int, Surface] | None = None
         self._clients: dict[str, Client] = {}
         self._numbers = itertools.count(1)
+        self._waiting: list[_Waiting] = []
         self._soon: deque[Callable[[], None]] = deque()
         self._wake = node.create_guard_condition(self._act)
         self._heard = PolledSubscriptions(node)
@@ -138,19 +153,28 @@ class Desk:
             request.author = person.name
         if hasattr(request, "request_id"):
             request.request_id = self.new_id(person)
-        client = self._client(service)
-        if not client.service_is_ready():
-            person.tell(f"{SERVICES[service][1]} is not there: is its node running?")
-            return
-
-        def finish(done: Any) -> None:
-            self.soon(lambda: self._answer(person, service, done.result(), answered))
-
-        client.call_async(request).add_done_callback(finish)
+        until = time.monotonic() + SERVICE_PATIENCE
+        self._waiting.append(_Waiting(until, person, service, request, answered))
+        self._send()
 
     def new_id(self, person: Person) -> str:
         """A request id that no other request has."""
         return f"{person.name}-{time.time_ns():x}-{next(self._numbers)}"
+
+    def _send(self) -> None:
+        """Send what waits for a service that is there; tell of what has waited for too long."""
+        asked, self._waiting = self._waiting, []
+        for one in asked:
+            client = self._client(one.service)
+            if client.service_is_ready():
+                client.call_async(one.request).add_done_callback(self._finishing(one))
+            elif time.monotonic() > one.until:
+                one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
+            else:
+                self._waiting.append(one)
+
+    def _finishing(self, asked: _Waiting) -> Callable[[Any], None]:
+        return lambda done: self.soon(lambda: self._answer(asked, done.result()))
 
     def _client(self, service: str) -> Client:
         if service not in self._clients:
@@ -158,18 +182,16 @@ class Desk:
             self._clients[service] = self.node.create_client(kind, name)
         return self._clients[service]
 
-    def _answer(
-        self, person: Person, service: str, answer: Any, answered: Callable[[Any], None] | None
-    ) -> None:
-        if service == "set_readings":
+    def _answer(self, asked: _Waiting, answer: Any) -> None:
+        if asked.service == "set_readings":
             refusals = [result.reason for result in answer.results if not result.successful]
             success, message = not refusals, "; ".join(refusals)
         else:
             success, message = answer.success, answer.message
         if not success:
-            person.tell(f"{service}: {message}")
-        elif answered is not None:
-            person.attempt(answered, answer)
+            asked.person.tell(f"{asked.service}: {message}")
+        elif asked.answered is not None:
+            asked.person.attempt(asked.answered, answer)
 
     def _act(self) -> None:
         while self._soon:
@@ -180,6 +202,7 @@ class Desk:
     def hear(self) -> None:
         """Take in what has come since the last call."""
         self._heard.take()
+        self._send()
 
     def frame(self) -> TissueFrame | None:
         """The newest shape with all that is known of it; None before there is one."""

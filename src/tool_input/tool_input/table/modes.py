@@ -72,7 +72,10 @@ class Mode(Protocol):
         """
 
     def leave(self) -> None:
-        """Let go of whatever is held: another mode is chosen, or the window is gone."""
+        """Another mode is chosen: let go, but for what the person wants to be kept.
+
+        The window's end is not the mode's matter: a person's tools go with the window.
+        """
 
 
 ModeMaker = Callable[[Person, PageScene], Mode]

@@ -45,6 +45,11 @@ class PageScene:
         self.api = api
         self.placement = placement
 
+    @property
+    def organ_size(self) -> float:
+        """The organ's largest extent at rest [m]."""
+        return ORGAN_SIZE / self.placement.scale
+
     def to_page(self, points: ArrayLike) -> NDArray[np.float32]:
         """Points of the organ [m], shape (..., 3), in the page's units."""
         given = np.asarray(points)

@@ -7,8 +7,9 @@ from collections.abc import Callable, Coroutine, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tissue_interfaces.msg import Tool
-from tissue_interfaces.srv import RemoveTool, SetTool
+from tissue_interfaces.srv import Release, RemoveTool, SetTool
 
 from tool_input.motion import Pose
 from tool_input.tool_topics import ToolTopics, pose_message
@@ -26,6 +27,7 @@ class PersonTool:
     While it has a pose that pose is published again and again, as a hand that rests would.
 
     Attributes:
+        name: Its name among the person's tools, such as "grab".
         id: Its name in the simulation, `<person>_<name>`.
         message: What `tissue/set_tool` was asked for last.
         pose: Where it is wanted; None: it has not been moved yet.
@@ -35,11 +37,13 @@ class PersonTool:
     def __init__(self, person: Person, name: str) -> None:
         """Begin with a tool that is not there yet; see `PersonTools.make`."""
         self._person = person
+        self.name = name
         self.id = f"{person.tool_prefix}_{name}"
         self.message = Tool(id=self.id, owner=person.name)
         self.pose: Pose | None = None
         self.pressed = False
         self._topics = ToolTopics(person.desk.node, self.id, person.desk.frame_id)
+        self._listeners = 0
 
     def change(self, kind: str, shape: str, size: Sequence[float], **more: Any) -> None:
         """Ask for another kind, shape or size [m] of it; `more` are fields of `Tool`."""
@@ -51,7 +55,7 @@ class PersonTool:
             self.message.pose = pose_message(self.pose)
         self._person.request("set_tool", SetTool.Request(tool=self.message))
 
-    def move(self, position: Sequence[float], quaternion: Sequence[float] | None = None) -> None:
+    def move(self, position: ArrayLike, quaternion: ArrayLike | None = None) -> None:
         """Want it somewhere: position [m], and quaternion x y z w (as it is, if none is given)."""
         turned = UPRIGHT if self.pose is None else self.pose.quaternion
         if quaternion is not None:
@@ -66,7 +70,14 @@ class PersonTool:
         self._topics.use(pressed)
 
     def repeat(self) -> None:
-        """Publish where it is once more."""
+        """Publish where it is once more, and whether it is pressed to who has begun to listen."""
+        listeners = self._topics.listeners
+        if listeners > self._listeners:
+            if self._listeners == 0:
+                # The first level that is heard makes no edge: the press must be the second.
+                self._topics.use(False)
+            self._topics.use(self.pressed)
+        self._listeners = listeners
         if self.pose is not None:
             self._topics.pose(self.pose)
 
@@ -108,6 +119,22 @@ class PersonTools:
         tool.change(kind, shape, size, **more)
         return tool
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Short names of those there are."""
+        return tuple(self._tools)
+
+    def of_kind(self, kind: str) -> list[PersonTool]:
+        """Those of a kind, in the order in which they were made."""
+        return [tool for tool in self._tools.values() if tool.message.kind == kind]
+
+    def release(self) -> None:
+        """Let go of everything."""
+        for tool in self._tools.values():
+            if tool.pressed:
+                tool.use(False)
+            self._person.request("release", Release.Request(tool=tool.id))
+
     def remove(self, name: str) -> None:
         """Take a tool out of the simulation, if there is one of this name."""
         tool = self._tools.pop(name, None)
@@ -122,7 +149,6 @@ class PersonTools:
     def make_again(self) -> None:
         """Ask for all of them once more, after another organ was loaded."""
         for tool in self._tools.values():
-            tool.pressed = False
             self._person.request("set_tool", SetTool.Request(tool=tool.message))
 
     def repeat(self) -> None:

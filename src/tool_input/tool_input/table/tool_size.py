@@ -1,0 +1,88 @@
+"""Shape and size of a tool, and the controls that set them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import viser
+from tissue_interfaces.msg import Tool
+
+from tool_input.table.person import Person
+
+SHAPES = {"sphere": Tool.SPHERE, "box": Tool.BOX, "line": Tool.CAPSULE}
+"""What people call the shapes; a line is a capsule."""
+
+MM = 1e-3
+
+
+@dataclass
+class ToolSize:
+    """How large a tool is in each of its shapes [m].
+
+    Attributes:
+        organ: Largest extent of the organ.
+        shape: One of `SHAPES`.
+        radius: Of spheres and lines.
+        length: Of a line.
+        box: Edges of a box along the tool's axes.
+    """
+
+    organ: float
+    shape: str
+    radius: float
+    length: float
+    box: tuple[float, float, float]
+
+    @classmethod
+    def suiting(cls, organ: float) -> ToolSize:
+        """A sphere of a twenty-fifth of an organ's extent [m]; the rest to match."""
+        radius = round(organ / 25, 4) or organ / 25
+        return cls(organ, "sphere", radius, 4 * radius, (2 * radius, 2 * radius, 2 * radius))
+
+    @property
+    def of_message(self) -> tuple[str, tuple[float, ...]]:
+        """What `Tool` says: shape and size."""
+        sizes = {"sphere": (self.radius,), "line": (self.radius, self.length), "box": self.box}
+        return SHAPES[self.shape], sizes[self.shape]
+
+    def add_controls(
+        self,
+        gui: viser.GuiApi,
+        person: Person,
+        shapes: tuple[str, ...],
+        changed: Callable[[], None],
+    ) -> None:
+        """Add what sets them to the window.
+
+        Args:
+            gui: Where.
+            person: Whose window it is.
+            shapes: What can be chosen.
+            changed: Called after each change.
+        """
+        largest = self.organ / 4 / MM
+        step = max(round(largest / 200, 1), 0.1)
+        least = min(0.1, largest / 10)
+        shape = gui.add_dropdown("Shape", shapes, initial_value=self.shape)
+        radius = gui.add_slider("Radius [mm]", least, largest, step, min(self.radius / MM, largest))
+        length = gui.add_slider("Length [mm]", least, 2 * largest, step, self.length / MM)
+        x, y, z = (edge / MM for edge in self.box)
+        box = gui.add_vector3("Edges [mm]", (x, y, z), min=(least, least, least), step=step)
+
+        def show() -> None:
+            radius.visible = self.shape in ("sphere", "line")
+            length.visible = self.shape == "line"
+            box.visible = self.shape == "box"
+
+        def take() -> None:
+            self.shape = shape.value
+            self.radius, self.length = radius.value * MM, length.value * MM
+            width, depth, height = box.value
+            self.box = (width * MM, depth * MM, height * MM)
+            show()
+            changed()
+
+        for control in (shape, radius, length, box):
+            control.on_update(person.in_turn(take))
+        show()
