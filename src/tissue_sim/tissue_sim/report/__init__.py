@@ -1,0 +1,1 @@
+"""What a recorded session was like, in figures: how tools moved, what tissue bore, what was cut."""
