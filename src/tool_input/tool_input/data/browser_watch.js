@@ -6,10 +6,11 @@
     camera: null,     // the newest ViewerCameraMessage
     meshes: {},       // by name: {vertices: Float32Array, faces: Uint32Array}
     pointer: [],      // times of pointer moves [ms]
-    sent: [],         // [time, type, phase] of messages that the page sends
+    sent: [],         // [time, message] of each message that the page sends
     batches: [],      // [time, bytes, places of the followed vertices or null] of each batch
     frames: [],       // [time, pixels changed in the region] of each frame drawn
     follow: null,     // {mesh, vertices: [rows]}: whose places to note
+    blind: false,     // whether nothing is drawn, to see what all else takes
     region: null,     // [x, y, width, height] in pixels of the drawing buffer, from below
   };
   window.watch = watch;
@@ -55,7 +56,7 @@
     postMessage(data, transferred) {
       if (data && data.type === "send") {
         if (data.message.type === "ViewerCameraMessage") watch.camera = data.message;
-        watch.sent.push([performance.now(), data.message.type, data.message.phase || ""]);
+        watch.sent.push([performance.now(), data.message]);
       }
       return super.postMessage(data, transferred);
     }
@@ -95,7 +96,7 @@
           watch.frames.push([performance.now(), count]);
         });
       }
-      return draw.apply(this, given);
+      if (!watch.blind) draw.apply(this, given);
     };
   }
 })();
