@@ -43,20 +43,25 @@ def difference_colors(distance: NDArray[np.floating], top: float) -> NDArray[np.
         top: Distance at the end of the scale [m]; larger ones have its colour.
     """
     known = np.isfinite(distance)
-    steps = _steps()
+    steps = map_colors()
     place = np.clip(np.where(known, distance, 0.0) / top, 0.0, 1.0) * (len(steps) - 1)
     colors = steps[np.rint(place).astype(np.intp)]
     colors[~known] = UNKNOWN
     return colors
 
 
-@lru_cache(maxsize=1)
-def _steps() -> NDArray[np.uint8]:
-    """The colour map of the project's pictures, shape (256, 3)."""
+@lru_cache(maxsize=4)
+def map_colors(name: str = COLORS, count: int = 256) -> NDArray[np.uint8]:
+    """Colours spread evenly over one of matplotlib's maps, shape (count, 3).
+
+    Args:
+        name: The map; default that of the project's pictures.
+        count: How many.
+    """
     import matplotlib
 
-    colors: NDArray[np.uint8] = matplotlib.colormaps[COLORS](
-        np.linspace(0.0, 1.0, 256), bytes=True
+    colors: NDArray[np.uint8] = matplotlib.colormaps[name](
+        np.linspace(0.0, 1.0, count), bytes=True
     )[:, :3].copy()
     return colors
 

@@ -119,50 +119,58 @@ def _keys(triples: NDArray[np.int64], nodes: int) -> NDArray[np.uint64]:
     return keys
 
 
-def surface_of(mesh: Mesh) -> OrganSurface:
-    """The surface of a mesh as it is now; of a sheet the walls of its cuts are inside."""
+@dataclass(frozen=True)
+class ColoredTriangles:
+    """The triangles of a surface with a colour each.
+
+    Attributes:
+        triangles: Node rows, outward by the right hand, shape (triangle_count, 3).
+        opened: Which of them cuts have laid open, shape (triangle_count,).
+        colors: Red, green, blue, 0 to 255, shape (triangle_count, 3).
+    """
+
+    triangles: NDArray[np.int32]
+    opened: NDArray[np.bool_]
+    colors: NDArray[np.float64]
+
+
+def colored_triangles(mesh: Mesh) -> ColoredTriangles:
+    """The surface of a mesh as it is now; of a sheet the walls of its cuts are laid open."""
     rows = mesh.element_rows
     if mesh.sheet is not None and mesh.sheet_rows is not None:
-        triangles, walls = mesh.sheet.triangles, mesh.sheet.walls
-        order, _, of_walls = mesh.sheet_rows.order(mesh.element_alive[:rows])
-        outside = _with_patches(mesh, np.zeros((len(triangles), 3)), order, PATCH - OUTSIDE)
-        inside = _with_patches(mesh, np.zeros((len(walls), 3)), of_walls, PATCH_INSIDE - INSIDE)
-        return OrganSurface(
-            mesh.version, _part(triangles, outside, OUTSIDE), _part(walls, inside, INSIDE)
+        of_triangles, _, of_walls = mesh.sheet_rows.order(mesh.element_alive[:rows])
+        triangles = np.concatenate([mesh.sheet.triangles, mesh.sheet.walls])
+        elements = np.concatenate([of_triangles, of_walls])
+        opened = np.arange(len(triangles)) >= len(mesh.sheet.triangles)
+        tints = np.zeros((len(triangles), 3))
+    else:
+        triangles, elements = boundary_triangles(
+            mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
         )
-    triangles, elements = boundary_triangles(
-        mesh.tets[:rows], mesh.element_alive[:rows], mesh.node_rows
+        opened = laid_open(mesh, triangles)
+        by_label = region_tints(mesh)
+        labels = np.array(list(by_label))
+        values = np.array(list(by_label.values()), dtype=np.float64)
+        tints = values[np.searchsorted(labels, mesh.regions[elements])]
+    inside = opened[:, None]
+    colors = np.where(inside, INSIDE + 0.25 * tints, OUTSIDE + tints)
+    if len(mesh.patches):
+        of_patch = np.isin(mesh.regions[elements], mesh.patches.labels)
+        colors = np.where(of_patch[:, None], np.where(inside, PATCH_INSIDE, PATCH), colors)
+    return ColoredTriangles(triangles, opened, np.clip(colors, 0.0, 255.0))
+
+
+def surface_of(mesh: Mesh) -> OrganSurface:
+    """The surface of a mesh as it is now, in two parts."""
+    all_of_it = colored_triangles(mesh)
+    outside, inside = (
+        _part(all_of_it.triangles[which], all_of_it.colors[which])
+        for which in (~all_of_it.opened, all_of_it.opened)
     )
-    opened = laid_open(mesh, triangles)
-    by_label = region_tints(mesh)
-    labels = np.array(list(by_label))
-    values = np.array(list(by_label.values()), dtype=np.float64)
-    tints = values[np.searchsorted(labels, mesh.regions[elements])]
-    outside = _with_patches(mesh, tints, elements, PATCH - OUTSIDE)
-    inside = _with_patches(mesh, 0.25 * tints, elements, PATCH_INSIDE - INSIDE)
-    return OrganSurface(
-        mesh.version,
-        _part(triangles[~opened], outside[~opened], OUTSIDE),
-        _part(triangles[opened], inside[opened], INSIDE),
-    )
+    return OrganSurface(mesh.version, outside, inside)
 
 
-def _with_patches(
-    mesh: Mesh,
-    tints: NDArray[np.float64],
-    elements: NDArray[np.integer],
-    own: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Tints of triangles, those whose elements are of a patch replaced by one of their own."""
-    if not len(mesh.patches):
-        return tints
-    of_patch = np.isin(mesh.regions[elements], mesh.patches.labels)
-    return np.where(of_patch[:, None], own, tints)
-
-
-def _part(
-    triangles: NDArray[np.int32], tints: NDArray[np.float64], base: NDArray[np.float64]
-) -> SurfacePart:
+def _part(triangles: NDArray[np.int32], colors: NDArray[np.float64]) -> SurfacePart:
     nodes, local = np.unique(triangles, return_inverse=True)
     local = local.reshape(-1, 3)
     count = len(nodes)
@@ -170,12 +178,11 @@ def _part(
     mean = (
         np.stack(
             [
-                np.bincount(local.ravel(), np.repeat(tints[:, axis], 3), minlength=count)
+                np.bincount(local.ravel(), np.repeat(colors[:, axis], 3), minlength=count)
                 for axis in range(3)
             ],
             axis=1,
         )
         / np.maximum(share, 1)[:, None]
     )
-    colors = np.clip(base + mean, 0, 255).astype(np.uint8)
-    return SurfacePart(nodes.astype(np.int32), local.astype(np.int32), colors)
+    return SurfacePart(nodes.astype(np.int32), local.astype(np.int32), mean.astype(np.uint8))
