@@ -155,6 +155,19 @@ class LiveSimulation:
         """Whether a load or a reset is under way."""
         return self.busy_with in ("load", "reset")
 
+    @property
+    def progress(self) -> float:
+        """Share of what is worked on that is done, 0 to 1, where it is known."""
+        return 0.0
+
+    def due(self, until: float) -> bool:
+        """Whether there is a frame to make now; called before each.
+
+        Args:
+            until: Steady time at which whatever is done instead must be over [s].
+        """
+        return True
+
     def next_frame(self, now: float, until: float = math.inf) -> tuple[Frame, Callable[[], None]]:
         """Advance by one frame.
 

@@ -1,0 +1,1 @@
+"""Recorded sessions that are played, and taken over by people."""

@@ -1,0 +1,336 @@
+"""A recorded session as it is watched at any speed, and taken over."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from tissue_sim.frame import Answer, AppliedEdit, Command, Frame, JournalEntry
+from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
+from tissue_sim.live import LiveSimulation
+from tissue_sim.playback.branch import Branch
+from tissue_sim.playback.clock import PlaybackClock, checked_rate
+from tissue_sim.playback.player import Player
+from tissue_sim.requests import Request, refuse
+from tissue_sim.simulation import Simulation
+
+SET_PLAYBACK = "set_playback"
+"""Kind of requests that change how the recording is played."""
+
+PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER = (
+    "pause", "resume", "seek", "rate", "loop", "take_over",
+)  # fmt: skip
+
+WATCHED = "a recording is played: take over its tools first"
+
+
+class PlaybackError(ValueError):
+    """A change of the playing that is not possible.
+
+    Attributes:
+        code: Name of the error in the service's constants.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class PlaybackState:
+    """How a recording is played.
+
+    Attributes:
+        time: [s] into the recording.
+        rate: Recorded seconds a second.
+        paused: Whether it stands.
+        looping: Whether it begins again at its end.
+        taken_over: Tools that people have taken over, sorted.
+        branch: Id of the branch that the first of them began; empty: it is the recording itself.
+        branch_frame: Frame of the recorded epoch it began after.
+        seeking: Whether it is on the way to another time.
+    """
+
+    time: float
+    rate: float
+    paused: bool
+    looping: bool
+    taken_over: tuple[str, ...]
+    branch: str
+    branch_frame: int
+    seeking: bool
+
+
+class PlayedSimulation(LiveSimulation):
+    """A simulation whose inputs come from a recording, until people take over.
+
+    Attributes:
+        player: What repeats the recording.
+        clock: How fast.
+        branch: What people made of it; None: nobody has taken over.
+    """
+
+    def __init__(
+        self,
+        player: Player,
+        clock: PlaybackClock,
+        limits: ToolLimits,
+        data_dir: Path,
+        budget: float = 0.006,
+        steps_per_frame: int = 0,
+        prepare: Callable[[Simulation], Any] = lambda _simulation: None,
+    ) -> None:
+        """Stand where the player stands; the rest is as in `LiveSimulation`."""
+        super().__init__(player.simulation, limits, data_dir, budget, steps_per_frame, prepare)
+        self.player, self.clock = player, clock
+        self.branch: Branch | None = None
+        self._shown = self.simulation.epoch
+        self._due = 0
+        self._unpublished: tuple[AppliedEdit, ...] = ()
+        self._notes: list[str] = []
+
+    @property
+    def state(self) -> PlaybackState:
+        """How it is played."""
+        recording, branch = self.player.recording, self.branch
+        return PlaybackState(
+            time=min(self.player.frame, recording.frames) / recording.rate_hz,
+            rate=self.clock.rate,
+            paused=self.clock.paused,
+            looping=self.clock.looping,
+            taken_over=tuple(sorted(branch.taken)) if branch else (),
+            branch=branch.id if branch else "",
+            branch_frame=branch.frame if branch else 0,
+            seeking=self.player.target > 0,
+        )
+
+    # From any thread
+
+    def post_pose(self, tool: str, pose: NDArray[Any], stamp: int, now: float) -> None:
+        """Hand over a pose; a tool that follows the recording takes none."""
+        self._inbox.append(lambda: self._hand_over(tool))
+        super().post_pose(tool, pose, stamp, now)
+
+    def post_use(self, tool: str, pressed: bool) -> None:
+        """Hand over a level of `use`; a tool that follows the recording takes none."""
+        self._inbox.append(lambda: self._hand_over(tool))
+        super().post_use(tool, pressed)
+
+    def _to(self, tool: str, action: Callable[[ToolTracker], None]) -> None:
+        def deliver() -> None:
+            if tool in self._sourced():
+                action(self.trackers[tool])
+
+        self._inbox.append(deliver)
+
+    # In the loop thread
+
+    @property
+    def busy_with(self) -> str:
+        """What is worked on; on the way to another time that is `seek`."""
+        return SEEK if self.player.target else super().busy_with
+
+    @property
+    def progress(self) -> float:
+        """Share of the way to another time that is done, 0 to 1."""
+        return self.player.progress
+
+    def due(self, until: float) -> bool:
+        """Take what has come, and say whether there is a frame to make now.
+
+        On the way to another time there is none before it is reached.
+
+        Args:
+            until: Steady time (`time.perf_counter`) at which to stop going there [s].
+        """
+        self._empty_inbox()
+        # What comes after a take-over waits for the frame that it takes effect in.
+        while self.branch is None and self._requests:
+            self._accept(self._requests.popleft(), [], [])
+        while self.branch is None and self._edits:
+            refuse(self._edits.popleft(), "BUSY", WATCHED)
+        if self.branch is not None:
+            return True
+        if self.player.over and self.clock.looping and not self.player.target:
+            self.player.seek(1)
+        if self.player.target:
+            self._due = int(self.player.approach(until))
+        else:
+            self._due = min(self.clock.tick(), self.player.recording.frames - self.player.frame)
+            self.clock.paused |= self.player.over
+        return self._due > 0
+
+    def next_frame(self, now: float, until: float = math.inf) -> tuple[Frame, Callable[[], None]]:
+        """Advance: by what is due of the recording, or by one live frame (see `due`).
+
+        Frames between two that are shown are simulated like all others. What does not fit in before
+        `until` is left for later: then the recording is slower than it was asked to be.
+        """
+        if self.branch is None:
+            return self._watched(until), lambda: None
+        branch = self.branch
+        self._empty_inbox()
+        live, asked = self._gather(now)
+        entry = self._recorded()
+        inputs, requests = branch.merge(entry, live, asked, self.simulation)
+        budget = self._live_budget(until)
+        if entry is not None and not branch.parted:
+            budget = replace(budget, steps=entry.steps)
+        made = self._advance(inputs, budget)
+        if entry is not None:
+            self._follow(made)
+            self.player.count(made, compare=not branch.parted)
+
+        def answer() -> None:
+            for request, result in zip(requests, made.answers, strict=True):
+                request.done(result)
+
+        return branch.finish(made), answer
+
+    def _watched(self, until: float) -> Frame:
+        """Play what is due; what its last frame shows, with the edits of all."""
+        player, edits = self.player, self._unpublished
+        differing = player.differing
+        for left in reversed(range(self._due)):
+            frame = player.play()
+            edits += frame.edits
+            if left and time.perf_counter() > until:
+                break
+        if player.simulation.epoch != self._shown:
+            # Its keyframe has them.
+            edits = ()
+            self._shown = player.simulation.epoch
+            start = player.recording.epoch_at(player.frame).start
+            self._switch((player.simulation, start, self._prepare(player.simulation)))
+        elif frame.tools_changed:
+            self._follow_tools()
+        self._follow(frame)
+        if player.differing and not differing:
+            why = "another processor or version"
+            self._notes.append(f"frame {frame.journal.frame} is not bit for bit as recorded: {why}")
+        events, self._notes = (*self._notes, *frame.events), []
+        # The recording has the edits of its cuts: nobody shall plan them again.
+        return replace(frame, edits=edits, cuts=(), events=events)
+
+    def _recorded(self) -> JournalEntry | None:
+        """The recorded frame that a branch goes on with; None: there is none any more."""
+        recording, following = self.player.recording, self.player.frame + 1
+        first = following == 1
+        over = self.player.over or (recording.begins(following) and not first)
+        # After a load or a reset nothing of the recording fits.
+        elsewhere = self.branch is not None and self.simulation.epoch.hex() != self.branch.id
+        return None if over or elsewhere else recording.entry(following)
+
+    def _follow(self, frame: Frame) -> None:
+        """Let trackers know what the recording does with their tools."""
+        sourced = self._sourced()
+        for sample in frame.journal.inputs.tools:
+            if sample.tool in self.trackers and sample.tool not in sourced:
+                self.trackers[sample.tool].adopt(sample)
+
+    def _sourced(self) -> Mapping[str, ToolTracker]:
+        own = self.branch.own if self.branch is not None else set()
+        return {tool: tracker for tool, tracker in self.trackers.items() if tool in own}
+
+    def _hand_over(self, tool: str) -> None:
+        if self.branch is not None and tool in self.trackers:
+            self.branch.hand_over(tool)
+
+    # What people ask for
+
+    def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
+        if request.kind == SET_PLAYBACK:
+            self._change(request)
+        elif self.branch is None:
+            refuse(request, "BUSY", WATCHED)
+        elif self._is_somebody_elses(request):
+            refuse(request, "BUSY", "the tool follows the recording; take it over first")
+        else:
+            super()._accept(request, commands, answers_to)
+
+    def _is_somebody_elses(self, request: Request) -> bool:
+        """Whether a request is about a tool that follows the recording and was not taken over."""
+        assert self.branch is not None
+        tool = str(request.arguments.get("tool", request.arguments.get("id", "")))
+        if tool in self.trackers:
+            return not self.branch.hand_over(tool)
+        if request.kind == "set_tool":
+            self.branch.own.add(tool)
+        return False
+
+    def _change(self, request: Request) -> None:
+        arguments = request.arguments
+        try:
+            message = self.change(
+                str(arguments["what"]), float(arguments["value"]), tuple(arguments["tools"])
+            )
+        except PlaybackError as error:
+            refuse(request, error.code, str(error))
+        except ValueError as error:
+            refuse(request, "INVALID", str(error))
+        else:
+            request.done(Answer(request.request_id, True, message))
+
+    def change(self, what: str, value: float = 0.0, tools: Sequence[str] = ()) -> str:
+        """Change how the recording is played; says what was done. Nothing happens on an error.
+
+        Args:
+            what: PAUSE, RESUME, SEEK, RATE, LOOP or TAKE_OVER.
+            value: Time [s], rate, or whether to loop.
+            tools: Tools to take over; none: all.
+
+        Raises:
+            PlaybackError: It is unknown, a tool is not there, or people have taken over.
+            ValueError: The value is not allowed.
+        """
+        if what == TAKE_OVER:
+            return self._take_over(tools)
+        if self.branch is not None:
+            raise PlaybackError(
+                "BRANCHED",
+                f"people took over after frame {self.branch.frame}: there is no way back to the "
+                "recording; tissue/pause pauses the simulation",
+            )
+        if what == PAUSE:
+            self.clock.paused = True
+            return "paused"
+        if what == RESUME:
+            if self.player.over:
+                self.player.seek(1)
+            self.clock.paused = False
+            return "playing"
+        if what == SEEK:
+            self.player.seek(self.player.recording.frame_at(value))
+            return f"going to {value:g} s"
+        if what == RATE:
+            self.clock.rate = checked_rate(value)
+            return f"rate {value:g}"
+        if what == LOOP:
+            self.clock.looping = bool(value)
+            return "looping" if self.clock.looping else "not looping"
+        allowed = ", ".join((PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER))
+        raise PlaybackError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
+
+    def _take_over(self, tools: Sequence[str]) -> str:
+        there, taken = self.simulation.tools, self.branch.taken if self.branch else set()
+        unknown = [tool for tool in tools if tool not in there]
+        if unknown:
+            known = ", ".join(there) or "none"
+            raise PlaybackError("UNKNOWN_TOOL", f"there is no tool {unknown[0]!r}; tools: {known}")
+        wanted = set(tools) or set(there) - taken
+        twice = ", ".join(sorted(wanted & taken)) or ("every tool" if self.branch else "")
+        if wanted & taken or (self.branch and not wanted):
+            raise PlaybackError("INVALID", f"{twice} is taken over already")
+        if self.player.target:
+            raise PlaybackError("INVALID", "the time sought is not reached yet")
+        if self.branch is None:
+            self.clock.paused, self.clock.rate = False, 1.0
+            self.branch = Branch(self.simulation.epoch.hex(), self.simulation.frame)
+        self.branch.taken |= wanted
+        return f"taken over: {', '.join(sorted(wanted)) or 'no tool'}"
