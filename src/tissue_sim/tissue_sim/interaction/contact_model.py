@@ -1,9 +1,10 @@
 """What a tool feels near where it is, for loops that run faster than the simulation.
 
 With d the motion from the reference to the tool's pose and v its velocity, the wrench on the tool
-is w - K d - D v. Everything here is the response of tissue that has not had the time to follow
-yet: stiffer than what the next frame will find, never softer. Between frames the force then runs
-ahead of the tissue's, which takes energy from the hand; a softer one would give it energy.
+is w - K d - D v. K is first that of tissue that has not followed yet, as far as it can be sensed:
+the penalty of the nodes in contact, or what resists held nodes with everything else left where it
+is. Such a force runs ahead of the tissue's and takes energy from the hand. What remains once the
+tissue has followed for a frame is then learned from the tool's own motions.
 
 References:
     Barbagli, F., Prattichizzo, D. and Salisbury, K. (2005): A multirate approach to haptic
@@ -30,6 +31,7 @@ from tissue_sim.interaction.contact_parts import (
 )
 from tissue_sim.interaction.coupling import Coupling
 from tissue_sim.interaction.patch import Patch
+from tissue_sim.interaction.patch_stiffness import LearnedStiffness
 
 if TYPE_CHECKING:
     from tissue_sim.interaction.holds import Hold
@@ -86,7 +88,8 @@ class ContactModels:
 
     def __init__(self) -> None:
         """Begin with nothing felt."""
-        self._felt: dict[int, _FeltHold] = {}
+        self._touched: dict[int | str, _Touched] = {}
+        self._patches: dict[int, tuple[Patch, tuple[object, ...]]] = {}
         self._last: dict[str, tuple[int, Reals]] = {}
 
     def of(self, simulation: Simulation, tool: str) -> ContactModel:
@@ -101,8 +104,7 @@ class ContactModels:
         parts: list[Parts] = []
         if simulation.model.has_forces:
             if tool in simulation.probes.touches:
-                pressed = simulation.probes.pressed(spec, pose, simulation.state)
-                parts.append(probe_parts(pressed, spec.contact, pose[:3], velocity))
+                parts.append(self._probe(simulation, spec, pose, velocity))
             parts += [self._hold(simulation, hold) for hold in simulation.holds.of_tool(tool)]
         if tool in simulation.blades.wrenches:
             parts.append(blade_parts(simulation.blades.wrenches[tool], velocity))
@@ -117,6 +119,16 @@ class ContactModels:
             return np.zeros(6)
         return rigid.motion(before, pose) * simulation.scene.rate_hz
 
+    def _probe(self, simulation: Simulation, spec: ToolSpec, pose: Reals, velocity: Reals) -> Parts:
+        pressed = simulation.probes.pressed(spec, pose, simulation.state)
+        wrench, sensed, damping = probe_parts(pressed, spec.contact, pose[:3], velocity)
+        if not wrench.any():
+            self._touched.pop(spec.id, None)
+            return wrench, sensed, damping
+        touched = self._touched.setdefault(spec.id, _Touched())
+        known = (simulation.mesh.version, simulation.model, spec)
+        return wrench, touched.stiffness(known, pose, wrench, sensed, spec.size[0]), damping
+
     def _hold(self, simulation: Simulation, hold: Hold) -> Parts:
         spec, pose = simulation.tools[hold.tool], simulation.poses[hold.tool]
         wrench = simulation.hold_wrench(hold)
@@ -124,52 +136,68 @@ class ContactModels:
             tissue = turned(hold.patch.stiffness, hold.patch.pose)
             spring = spec.coupling.tangent(pose, hold.patch.pose)
             return (wrench, *in_series(spring, tissue, spec.coupling))
-        felt = self._felt.setdefault(hold.id, _FeltHold(pose))
-        stiffness = felt.stiffness(simulation, hold, wrench, spec.size[0])
+        known = (simulation.mesh.version, simulation.model, len(hold.rows))
+        sensed = self._sensed(simulation, hold, pose, known)
+        touched = self._touched.setdefault(hold.id, _Touched())
+        stiffness = touched.stiffness(known, pose, wrench, sensed, spec.size[0])
         return wrench, stiffness, np.zeros((6, 6))
 
-    def _forget_ended(self, simulation: Simulation) -> None:
-        for ended in [key for key in self._felt if key not in simulation.holds.by_id]:
-            del self._felt[ended]
-
-
-class _FeltHold:
-    """How stiff tissue is that a tool holds where it is itself: sensed, then learned by moving.
-
-    A patch that nothing moves but its tool.
-    """
-
-    def __init__(self, pose: Reals) -> None:
-        self._patch = Patch(pose)
-        self._known: tuple[object, ...] = ()
-        self._pose, self._wrench = pose.copy(), np.zeros(6)
-
-    def stiffness(self, simulation: Simulation, hold: Hold, wrench: Reals, size: float) -> Reals:
-        """In the organ's axes, shape (6, 6).
-
-        Args:
-            simulation: After a frame.
-            hold: A hold by position.
-            wrench: Of the tissue on the tool, shape (6,).
-            size: Of the tool [m].
-        """
-        patch, pose = self._patch, simulation.poses[hold.tool]
-        known = (simulation.mesh.version, simulation.model, len(hold.rows))
-        motion = rigid.motion(self._pose, pose)
-        if known != self._known:
+    def _sensed(
+        self, simulation: Simulation, hold: Hold, pose: Reals, known: tuple[object, ...]
+    ) -> Reals:
+        """Stiffness of the tissue around a hold by position: a patch that nothing else moves."""
+        patch, before = self._patches.get(hold.id, (Patch(pose), ()))
+        self._patches[hold.id] = patch, known
+        if known != before:
             patch.forget()
         patch.pose[:] = pose
         patch.begin(
             Coupling(), 1.0 / simulation.scene.rate_hz, simulation.model, simulation.state,
             simulation.mesh, hold.rows, hold.local,
         )  # fmt: skip
-        # What the tissue resists over a frame is what remains once it has followed for a frame.
+        return turned(patch.stiffness, pose)
+
+    def _forget_ended(self, simulation: Simulation) -> None:
+        there = {*simulation.holds.by_id, *simulation.probes.touches}
+        for ended in [key for key in self._touched if key not in there]:
+            del self._touched[ended]
+        for gone in [key for key in self._patches if key not in there]:
+            del self._patches[gone]
+
+
+class _Touched:
+    """How stiff what a tool touches is: as sensed, then as its own motions have shown.
+
+    What is sensed is the stiffness against tissue that has not followed yet. What remains when it
+    has for a frame is learned from the motions and forces of one frame to the next.
+    """
+
+    def __init__(self) -> None:
+        self._learned = LearnedStiffness()
+        self._known: tuple[object, ...] = ()
+        self._pose, self._wrench = rigid.IDENTITY, np.zeros(6)
+
+    def stiffness(
+        self, known: tuple[object, ...], pose: Reals, wrench: Reals, sensed: Reals, size: float
+    ) -> Reals:
+        """Stiffness in the organ's axes, shape (6, 6).
+
+        Args:
+            known: What was learned holds as long as this is the same.
+            pose: Of the tool, shape (7,).
+            wrench: Of the tissue on the tool, shape (6,).
+            sensed: The bound of the stiffness, in the organ's axes, shape (6, 6).
+            size: Of the tool [m].
+        """
+        axes, motion = axes_of(pose), rigid.motion(self._pose, pose)
+        if known != self._known:
+            self._learned.forget()
+        self._learned.sense(*np.linalg.eigh(axes.T @ sensed @ axes))
         far = max(float(np.linalg.norm(motion[:3])) / size, float(np.linalg.norm(motion[3:])))
         if known == self._known and far > LEAST_MOTION:
-            axes = axes_of(pose)
-            patch.followed.learn(axes.T @ motion, axes.T @ (wrench - self._wrench))
+            self._learned.learn(axes.T @ motion, axes.T @ (wrench - self._wrench))
         self._known, self._pose, self._wrench = known, pose.copy(), wrench
-        return turned(patch.followed.matrix, pose)
+        return turned(self._learned.matrix, pose)
 
 
 def _sum(parts: list[Parts], spec: ToolSpec, pose: Reals, valid_for: float) -> ContactModel:

@@ -44,7 +44,6 @@ class Patch:
     Attributes:
         pose: Of the patch; the tool's at the grab, shape (7,).
         settled: Whether its last motion was as good as none.
-        followed: The tissue's stiffness once it has followed, as far as it was learned.
     """
 
     def __init__(self, pose: NDArray[np.float64]) -> None:
@@ -56,19 +55,19 @@ class Patch:
         self._size = SMALLEST
         self._sensed, self._stiffness = np.zeros((6, 6)), np.zeros((6, 6))
         self._wrench, self._motion = np.zeros(6), np.zeros(6)
-        self.followed = LearnedStiffness()
+        self._followed = LearnedStiffness()
         self._was_at_rest = self._known = False
         self._next, self._moved_by = 0, 0.0
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
         """What resists its next motion, in its own axes: sensed, or learned at rest, (6, 6)."""
-        return self.followed.matrix if self._was_at_rest else self._stiffness
+        return self._followed.matrix if self._was_at_rest else self._stiffness
 
     def forget(self) -> None:
         """Sense the tissue's stiffness anew: nodes, tissue or model are no longer the same."""
         self._known = self._was_at_rest = False
-        self.followed.forget()
+        self._followed.forget()
 
     def remember(self) -> None:
         """Keep the pose, to go back to if the state is lost."""
@@ -142,7 +141,7 @@ class Patch:
             values, vectors = np.linalg.eigh(self._sensed)
             values = np.abs(values)
             np.matmul(vectors * values, vectors.T, out=self._stiffness)
-            self.followed.sense(values, vectors)
+            self._followed.sense(values, vectors)
         else:
             self.forget()
 
@@ -187,7 +186,7 @@ class Patch:
                 self.forget()
                 return
             if self._learn(model, alone, before):
-                stiffness = self.followed.matrix
+                stiffness = self._followed.matrix
         else:
             self._wrench[:] = 0.0
         if model.time_step is not None:
@@ -206,6 +205,6 @@ class Patch:
         """
         at_rest = alone and model.time_step is None and model.idle
         if at_rest and self._was_at_rest and self._moved_by >= LEAST_MOTION * self._size:
-            self.followed.learn(self._motion, self._wrench - before)
+            self._followed.learn(self._motion, self._wrench - before)
         self._was_at_rest = at_rest
         return at_rest

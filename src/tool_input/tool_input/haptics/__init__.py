@@ -1,0 +1,1 @@
+"""Forces for a hand between the frames of the simulation."""
