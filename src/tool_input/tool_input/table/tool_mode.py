@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 import viser
@@ -29,16 +29,16 @@ class ToolMode:
         size: Shape and size of the next tool.
     """
 
-    name: ClassVar[str]
-    key: ClassVar[str]
-    help: ClassVar[str]
-    kind: ClassVar[str]
-    shapes: ClassVar[tuple[str, ...]]
+    name: str
+    key: str
+    help: str
+    kind: str
+    shapes: tuple[str, ...]
 
     def __init__(self, person: Person, scene: PageScene) -> None:
         """Begin without a tool."""
         self.person = person
-        self.size = ToolSize.suiting(scene.organ_size)
+        self.size = ToolSize.suiting(scene.organ_size, self.shapes[0])
         self._scene = scene
         self._tool: PersonTool | None = None
         self._offset = np.zeros(3)
@@ -62,6 +62,10 @@ class ToolMode:
         """How the tool is turned, as long as nobody turned it: x y z w, shape (4,)."""
         raise NotImplementedError
 
+    def more(self) -> dict[str, Any]:
+        """Further fields of the tool's `Tool` message."""
+        return {}
+
     # Mode
 
     def drag(self, drag: Drag) -> None:
@@ -81,19 +85,13 @@ class ToolMode:
 
     def settings(self, gui: viser.GuiApi) -> None:
         """Shape, size, keeping, and the handles."""
-        self.size.add_controls(gui, self.person, self.shapes, self._resize)
-        self._using = gui.add_checkbox("Pressed", False, hint="Use the tool where it is")
+        self._add_controls(gui)
         keep = gui.add_checkbox(
             "Keep", self._keep, hint="It stays pressed after the drag; the next drag takes another"
         )
-        handles = gui.add_checkbox("Handles", False, hint="Move and turn the tool by handles")
         free = gui.add_button("Let go of all", hint="Release every tool of this kind")
-        using = self._using
-        using.on_update(self.person.in_turn(lambda: self._press_here(using.value)))
         keep.on_update(self.person.in_turn(lambda: setattr(self, "_keep", keep.value)))
-        handles.on_update(self.person.in_turn(lambda: self._toggle_gizmo(handles.value)))
         free.on_click(self.person.in_turn(self._let_go_of_all))
-        self._ready()
 
     def leave(self) -> None:
         """Let go of what is not to be kept."""
@@ -105,11 +103,22 @@ class ToolMode:
 
     # How it does that
 
+    def _add_controls(self, gui: viser.GuiApi) -> None:
+        """Shape, size and handles of the tool, and whether it is pressed; it is made."""
+        self.size.add_controls(gui, self.person, self.shapes, self._resize)
+        using = self._using = gui.add_checkbox("Pressed", False, hint="Use the tool where it is")
+        handles = gui.add_checkbox("Handles", False, hint="Move and turn the tool by handles")
+        using.on_update(self.person.in_turn(lambda: self._press_here(using.value)))
+        handles.on_update(self.person.in_turn(lambda: self._toggle_gizmo(handles.value)))
+        self._ready()
+
     def _ready(self) -> PersonTool:
         """The tool of the next drag, made if need be."""
         if self._tool is None:
             shape, size = self.size.of_message
-            self._tool = self.person.tools.make(self._free_name(), self.kind, shape, size)
+            self._tool = self.person.tools.make(
+                self._free_name(), self.kind, shape, size, **self.more()
+            )
         return self._tool
 
     def _free_name(self) -> str:
@@ -120,7 +129,7 @@ class ToolMode:
     def _resize(self) -> None:
         shape, size = self.size.of_message
         self._turned = None
-        self._ready().change(self.kind, shape, size)
+        self._ready().change(self.kind, shape, size, **self.more())
 
     def _use(self, pressed: bool) -> None:
         tool = self._ready()

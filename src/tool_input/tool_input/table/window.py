@@ -1,0 +1,120 @@
+"""One window of the operating table: what a person sees there, and what their drags do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+
+from tool_input.table.cut_mode import CutMode
+from tool_input.table.drag_input import DEPTH_MODIFIER, DragInput
+from tool_input.table.grab_mode import GrabMode
+from tool_input.table.modes import Drag, Mode, ModeMaker
+from tool_input.table.organ_view import OrganView
+from tool_input.table.page_scene import PageScene, Placement
+from tool_input.table.person import Person
+from tool_input.table.pointer import Eye
+from tool_input.table.probe_mode import ProbeMode
+from tool_input.table.tissue_frame import TissueFrame
+
+MODES: tuple[ModeMaker, ...] = (GrabMode, ProbeMode, CutMode)
+"""What a person can do by dragging; the first is chosen when a window opens."""
+
+
+class Window:
+    """What one person sees and does. All of it is called in the node's thread.
+
+    Attributes:
+        person: Who looks at it.
+    """
+
+    def __init__(self, client: viser.ClientHandle, person: Person) -> None:
+        """Open a window.
+
+        Args:
+            client: viser's side of it.
+            person: Who looks at it.
+        """
+        self.person = person
+        self._client = client
+        self._status = client.gui.add_markdown("Waiting for the simulation ...")
+        self._scene = PageScene(client.scene, Placement(np.zeros(3), 1.0))
+        self._epoch = b""
+        self._drags = DragInput(self._scene, self._dragged)
+        self._organ: OrganView | None = None
+        self._mesh: Any = None
+        self._modes: dict[str, Mode] = {}
+        self._mode: Mode | None = None
+        self._folder: viser.GuiFolderHandle | None = None
+
+    def draw(self, frame: TissueFrame) -> None:
+        """Show the tissue at one frame."""
+        if frame.epoch != self._epoch:
+            self._place(frame)
+        assert self._organ is not None
+        self._organ.show(frame)
+        self._drags.see(frame)
+        self._drags.expire()
+        if self._mesh is not self._organ.mesh_handle:
+            self._mesh = self._organ.mesh_handle
+            if not self.person.observer:
+                self._mesh.on_drag("left")(self._on_drag)
+                self._mesh.on_drag("left", modifier=DEPTH_MODIFIER)(self._on_drag)
+
+    def choose(self, name: str) -> None:
+        """Choose a mode by its name."""
+        self._drags.end()
+        if self._mode is not None:
+            self._mode.leave()
+        if self._folder is not None:
+            self._folder.remove()
+        self._mode = self._modes[name]
+        self._folder = self._client.gui.add_folder(name.capitalize())
+        with self._folder:
+            self._client.gui.add_markdown(self._mode.help)
+            self._mode.settings(self._client.gui)
+
+    def close(self) -> None:
+        """The window is gone: what its person holds is let go, and their tools go."""
+        self._drags.end()
+        if self._mode is not None:
+            self._mode.leave()
+        self.person.leave()
+
+    def _place(self, frame: TissueFrame) -> None:
+        """Another organ, or the same from its start."""
+        mesh = frame.mesh
+        self._scene.placement = Placement.around(mesh.rest[: mesh.node_rows])
+        if self._epoch:
+            self.person.tools.make_again()
+        else:
+            self._status.content = f"You are **{self.person.name}**"
+            self._organ = OrganView(self._scene)
+            if not self.person.observer:
+                self._add_modes()
+        self._epoch = frame.epoch
+
+    def _add_modes(self) -> None:
+        gui = self._client.gui
+        self._modes = {
+            mode.name: mode for mode in (make(self.person, self._scene) for make in MODES)
+        }
+        buttons = gui.add_button_group("Mode", tuple(self._modes))
+        buttons.on_click(self.person.in_turn(lambda: self.choose(buttons.value)))
+        for mode in self._modes.values():
+            command = gui.add_command(mode.name, description=mode.help, hotkey=mode.key)
+            command.on_trigger(self.person.in_turn(lambda name=mode.name: self.choose(name)))
+        self.choose(next(iter(self._modes)))
+
+    async def _on_drag(self, event: Any) -> None:
+        camera = event.client.camera
+        w, x, y, z = camera.wxyz
+        axes = Rotation.from_quat([x, y, z, w]).as_matrix()
+        eye = Eye(self._scene.to_organ(camera.position), axes[:, 2], -axes[:, 1])
+        self.person.desk.soon(lambda: self.person.attempt(self._drags.take, event, eye))
+
+    def _dragged(self, drag: Drag) -> None:
+        if self._mode is not None:
+            self._mode.drag(drag)
