@@ -16,7 +16,7 @@ from tool_input.browser.camera import Camera
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Response
 
-SIZE = (900, 520)
+SIZE = (720, 420)
 """Width and height of a window [pixels]: the panel leaves room for the organ beside it."""
 PATIENCE = 60.0
 """Longest wait for what the page has to show or to say [s]."""
@@ -67,7 +67,7 @@ class Window:
             self.page.wait_for_timeout(step * 1e3)
         return found
 
-    def wait_drawn(self) -> None:
+    def wait_drawn(self, patience: float = PATIENCE) -> None:
         """Wait until the page has drawn an organ, and take away what viser lays over it."""
         self.until(
             lambda: self.page.evaluate(
@@ -75,6 +75,7 @@ class Window:
                 "&& Object.keys(watch.meshes).length > 0"
             ),
             "an organ",
+            patience,
         )
         for button in self.page.locator(".mantine-Notification-closeButton").all():
             button.click()
@@ -129,6 +130,11 @@ class Window:
     def text(self) -> str:
         """All that can be read beside the scene."""
         return str(self.page.inner_text("body"))
+
+    def said(self) -> list[dict[str, Any]]:
+        """What the page has sent, but for where its camera is."""
+        sent = self.page.evaluate("() => watch.sent.map(([_, message]) => message)")
+        return [message for message in sent if message["type"] != "ViewerCameraMessage"]
 
     # A person's hands
 
