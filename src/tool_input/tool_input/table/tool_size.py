@@ -10,7 +10,13 @@ from tissue_interfaces.msg import Tool
 
 from tool_input.table.person import Person
 
-SHAPES = {"sphere": Tool.SPHERE, "box": Tool.BOX, "line": Tool.CAPSULE}
+SHAPES = {
+    "sphere": Tool.SPHERE,
+    "box": Tool.BOX,
+    "line": Tool.CAPSULE,
+    "triangle": Tool.TRIANGLE,
+    "rectangle": Tool.RECTANGLE,
+}
 """What people call the shapes; a line is a capsule."""
 
 MM = 1e-3
@@ -26,6 +32,7 @@ class ToolSize:
         radius: Of spheres and lines.
         length: Of a line.
         box: Edges of a box along the tool's axes.
+        blade: Of a triangle or a rectangle along the tool's x, and along its z.
     """
 
     organ: float
@@ -33,18 +40,19 @@ class ToolSize:
     radius: float
     length: float
     box: tuple[float, float, float]
+    blade: tuple[float, float]
 
     @classmethod
-    def suiting(cls, organ: float) -> ToolSize:
-        """A sphere of a twenty-fifth of an organ's extent [m]; the rest to match."""
-        radius = round(organ / 25, 4) or organ / 25
-        return cls(organ, "sphere", radius, 4 * radius, (2 * radius, 2 * radius, 2 * radius))
+    def suiting(cls, organ: float, shape: str) -> ToolSize:
+        """A sphere of a twenty-fifth of an organ's extent [m]; the other shapes to match."""
+        r = round(organ / 25, 4) or organ / 25
+        return cls(organ, shape, r, 4 * r, (2 * r, 2 * r, 2 * r), (2 * r, 4 * r))
 
     @property
     def of_message(self) -> tuple[str, tuple[float, ...]]:
         """What `Tool` says: shape and size."""
         sizes = {"sphere": (self.radius,), "line": (self.radius, self.length), "box": self.box}
-        return SHAPES[self.shape], sizes[self.shape]
+        return SHAPES[self.shape], sizes.get(self.shape, self.blade)
 
     def add_controls(
         self,
@@ -69,20 +77,25 @@ class ToolSize:
         length = gui.add_slider("Length [mm]", least, 2 * largest, step, self.length / MM)
         x, y, z = (edge / MM for edge in self.box)
         box = gui.add_vector3("Edges [mm]", (x, y, z), min=(least, least, least), step=step)
+        wide, high = (edge / MM for edge in self.blade)
+        width = gui.add_slider("Width [mm]", least, 2 * largest, step, wide)
+        height = gui.add_slider("Height [mm]", least, 2 * largest, step, high)
 
         def show() -> None:
             radius.visible = self.shape in ("sphere", "line")
             length.visible = self.shape == "line"
             box.visible = self.shape == "box"
+            width.visible = height.visible = self.shape in ("triangle", "rectangle")
 
         def take() -> None:
             self.shape = shape.value
             self.radius, self.length = radius.value * MM, length.value * MM
-            width, depth, height = box.value
-            self.box = (width * MM, depth * MM, height * MM)
+            x, y, z = box.value
+            self.box = (x * MM, y * MM, z * MM)
+            self.blade = (width.value * MM, height.value * MM)
             show()
             changed()
 
-        for control in (shape, radius, length, box):
+        for control in (shape, radius, length, box, width, height):
             control.on_update(person.in_turn(take))
         show()
