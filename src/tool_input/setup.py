@@ -42,9 +42,10 @@ setup(
         "console_scripts": [
             "script_node = tool_input.script_node:main",
             "replay_node = tool_input.replay_node:main",
-            "mouse_node = tool_input.mouse_node:main",
+            "table_node = tool_input.table_node:main",
             "crtk_node = tool_input.crtk_node:main",
             "joy_node = tool_input.joy_node:main",
+            "haptic_node = tool_input.haptic_node:main",
         ],
     },
 )

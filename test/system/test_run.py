@@ -158,7 +158,7 @@ def test_no_process_is_left_behind(tissue: Tissue, number: signal.Signals) -> No
         line = process.stdout.readline()
         assert line, lines
         lines.append(line)
-    nodes = ("simulation_node", "cut_node", "bag_node", "rerun_node", "mouse_node")
+    nodes = ("simulation_node", "cut_node", "bag_node", "rerun_node", "table_node")
     assert all(any(node in command for command in tissue.alive()) for node in nodes)
     process.send_signal(number)
     process.wait(timeout=60)

@@ -19,7 +19,8 @@ ARGUMENTS = {
     "rrd": ("", "recording for rerun; empty: none"),
     "difference": ("", "second model to compare the session with; empty: none"),
     "readings": ("false", "whether to tell stress, strain and risk regions"),
-    "page": ("true", "whether to serve the page for the mouse"),
+    "page": ("true", "whether to serve the operating table, a page in the browser"),
+    "bind": ("127.0.0.1", "address the page listens on; 0.0.0.0: all of this machine's"),
     "namespace": ("", "namespace of all nodes"),
 }
 
@@ -82,9 +83,9 @@ def nodes(context: LaunchContext) -> list[Node | LogInfo]:
     if given["page"].lower() in ("true", "1", "yes"):
         page = Node(
             package="tool_input",
-            executable="mouse_node",
+            executable="table_node",
             namespace=where,
-            parameters=[scene],
+            parameters=[scene, {"host": given["bind"]}],
             output="screen",
         )
         chosen.append(page)

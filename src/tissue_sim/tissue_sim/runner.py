@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 import time
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ from tissue_sim.session import (
     BAG,
     SCRIPT,
     SIMULATION_PROCESS,
+    TABLE,
     SessionPlan,
+    check_page_address,
     check_second_model,
     end_session,
     start_session,
@@ -71,6 +74,7 @@ class RunOptions:
         difference: Second model to compare the session with (`compare.subject.parse_subject`);
             empty: none.
         readings: Whether stress, strain and risk regions are told.
+        bind: Address the page listens on; empty: loopback.
     """
 
     scene: str
@@ -89,6 +93,7 @@ class RunOptions:
     viewer: bool
     readings: bool = False
     difference: str = ""
+    bind: str = ""
 
 
 def run_scene(options: RunOptions) -> int:
@@ -136,6 +141,12 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         tools_of(options.procedure)
     if options.difference:
         check_second_model(options.difference)
+    extra: dict[str, dict[str, Any]] = {BAG: {"record_state_hz": float(options.record_state_hz)}}
+    if options.bind:
+        if options.headless:
+            raise ValueError("--bind is for the page, and with --headless there is none")
+        check_page_address(options.bind)
+        extra[TABLE] = {"host": options.bind}
     viewer = options.viewer and not options.headless
     frames = options.frames or round(options.seconds * RATE_HZ)
     if options.headless and not frames and options.procedure is None:
@@ -163,7 +174,7 @@ def plan_run(options: RunOptions) -> tuple[SessionPlan, int]:
         procedure=procedure if options.headless or options.procedure else None,
         clock="simulation" if options.headless else "wall",
         bag=options.bag,
-        extra={BAG: {"record_state_hz": float(options.record_state_hz)}},
+        extra=extra,
         # What is compared is to be seen somewhere.
         recording=options.recording or (bool(options.difference) and not viewer),
         viewer=viewer,
@@ -252,15 +263,13 @@ def _must_be_good(launcher: Launcher, name: str, code: int) -> None:
 
 
 def _print_page(launcher: Launcher, plan: SessionPlan) -> None:
-    """Show the address of the mouse page, which its node prints with the token in it."""
-    log = plan.out / "logs" / "mouse.log"
+    """Show the page's addresses, which its node prints with the tokens in them."""
+    log = plan.out / "logs" / f"{TABLE}.log"
 
-    def address() -> str:
-        for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
-            _, found, rest = line.partition("http://")
-            if found:
-                return found + rest.split()[0]
-        return ""
+    def addresses() -> list[str]:
+        return re.findall(r"http://\S+token=\S+", log.read_text(encoding="utf-8", errors="replace"))
 
-    launcher.wait(lambda: log.is_file() and bool(address()), 120.0, "the page's address")
-    console.print(f"Open [bold]{address()}[/bold] to operate; Ctrl-C ends it.")
+    launcher.wait(lambda: log.is_file() and len(addresses()) > 1, 120.0, "the page's addresses")
+    take_part, watch = addresses()[:2]
+    console.print(f"Open [bold]{take_part}[/bold] to operate; every window is another person.")
+    console.print(f"Who opens {watch} only watches. Ctrl-C ends it.")

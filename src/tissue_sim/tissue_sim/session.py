@@ -32,7 +32,7 @@ SCRIPT = "script"
 BAG = "bag"
 RERUN = "rerun"
 MONITOR = "monitor"
-MOUSE = "mouse"
+TABLE = "table"
 DIFFERENCE = "difference"
 READINGS = "readings"
 
@@ -49,7 +49,7 @@ class SessionPlan:
         bag: Whether the session is recorded as a bag.
         recording: Whether it is recorded for rerun.
         viewer: Whether rerun's viewer is opened.
-        page: Whether the mouse page is served.
+        page: Whether the page of the operating table is served.
         monitor: Whether rates and latencies are counted.
         difference: Second model that the session is compared with; empty: none.
         readings: Whether stress, strain and risk regions are told.
@@ -119,7 +119,7 @@ def process_specs(plan: SessionPlan) -> dict[str, ProcessSpec]:
     if plan.readings:
         specs.append(_node(plan, READINGS, "viz_bridge.readings_node", {}, viewer=True))
     if plan.page:
-        specs.append(_node(plan, MOUSE, "tool_input.mouse_node", {}, viewer=True))
+        specs.append(_node(plan, TABLE, "tool_input.table_node", {}, viewer=True))
     if plan.procedure is not None:
         script = {
             "procedure": str(plan.procedure),
@@ -195,6 +195,18 @@ def check_second_model(text: str) -> None:
     checked_subject(parse_subject(text))
 
 
+def check_page_address(host: str) -> None:
+    """Refuse an address that the page cannot listen on.
+
+    Raises:
+        ValueError: It is none of this machine's.
+    """
+    # Here, because tool_input depends on this package.
+    from tool_input.page_guard import check_host
+
+    check_host(host)
+
+
 def with_waiting(plan: SessionPlan) -> SceneFile:
     """The scene, its clock waiting for those of the session that must not miss its beginning."""
     listeners = {"tissue/journal": 0, "tissue/state": 1, "tissue/edits": 1}  # cut_service
@@ -221,7 +233,7 @@ def start_session(launcher: Launcher, plan: SessionPlan) -> None:
 def end_session(launcher: Launcher) -> None:
     """End the processes in the order of the data: sources, simulation, then those that listen."""
     for names in (
-        (SCRIPT, MOUSE),
+        (SCRIPT, TABLE),
         (SIMULATION_PROCESS,),
         (CUT_SERVICE, READINGS),
         (DIFFERENCE,),

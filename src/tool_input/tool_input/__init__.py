@@ -1,1 +1,1 @@
-"""Sources of tool motion: scripted procedures, replayed bags, a mouse page and CRTK arms."""
+"""Sources of tool motion: scripted procedures, replayed bags, the operating table and CRTK arms."""

@@ -175,6 +175,23 @@ class PageGuard:
         return Response(http.HTTPStatus.SEE_OTHER, "See Other", headers, b"")
 
 
+def check_host(host: str) -> None:
+    """Refuse an address that nothing can listen on.
+
+    Raises:
+        ValueError: It is none of this machine's.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as trial:
+            trial.bind(address)
+    except (OSError, UnicodeError) as error:
+        raise ValueError(
+            f"a page cannot listen on {host!r} ({error}); allowed: 127.0.0.1, another address of "
+            f"this machine, or 0.0.0.0 for all of them"
+        ) from None
+
+
 def _same(given: str, secret: str) -> bool:
     return secrets.compare_digest(given.encode(), secret.encode())
 

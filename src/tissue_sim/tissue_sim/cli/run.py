@@ -21,6 +21,11 @@ HELP_DIFFERENCE = (
     "colour (docs/viewing.md); implies --rrd without --viewer."
 )
 
+HELP_BIND = (
+    "Address the page listens on, so that others can join from their machines: one of this "
+    "machine's, or 0.0.0.0 for all of them. It asks for the token, but nothing is encrypted."
+)
+
 
 def run(
     scene: Annotated[str, typer.Argument(help=HELP_SCENE)],
@@ -47,14 +52,19 @@ def run(
     viewer: Annotated[bool, typer.Option("--viewer", help="Open rerun's viewer.")] = False,
     difference: Annotated[str, typer.Option(metavar="MODEL", help=HELP_DIFFERENCE)] = "",
     readings: Annotated[
-        bool,
-        typer.Option("--readings/--no-readings", help="Tell stress, strain and risk regions."),
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--readings/--no-readings",
+            help="Tell stress, strain and risk regions; by default for the page.",
+        ),
+    ] = None,
+    bind: Annotated[str, typer.Option(metavar="ADDRESS", help=HELP_BIND)] = "",
 ) -> None:
     """Simulate a scene or any mesh until Ctrl-C, or for some frames.
 
-    The page for the mouse is served unless --headless is given. A mesh file needs --units; without
-    a procedure, --headless grabs, pulls and cuts it where that looks sensible.
+    The operating table, a page in the browser, is served unless --headless is given. A mesh file
+    needs --units; without a procedure, --headless grabs, pulls and cuts it where that looks
+    sensible.
     """
     options = RunOptions(
         scene=scene,
@@ -72,6 +82,7 @@ def run(
         recording=rrd,
         viewer=viewer,
         difference=difference,
-        readings=readings,
+        readings=not headless if readings is None else readings,
+        bind=bind,
     )
     raise typer.Exit(run_scene(options))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+
 import viser
 
-from tool_input.page_guard import VISITOR, PageGuard, Visitor
+from tool_input.page_guard import VISITOR, PageGuard, Visitor, check_host
 from tool_input.table.desk import Desk
 from tool_input.table.person import Person
 from tool_input.table.window import Window
@@ -33,11 +36,16 @@ class TablePage:
             host: Address to listen on.
             port: Port; the next free one is taken when it is in use.
             guard: Who may open it; default one with fresh tokens.
+
+        Raises:
+            ValueError: The page cannot listen there.
         """
+        check_host(host)
         self._desk = desk
         self._guard = guard or PageGuard(host)
         self._windows: dict[int, Window] = {}
-        with self._guard.installed():
+        # viser prints an address without the token, which opens nothing.
+        with self._guard.installed(), contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(
                 host=host, port=port, label="tissue_sim", verbose=False
             )
