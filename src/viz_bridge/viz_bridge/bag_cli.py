@@ -76,7 +76,7 @@ def record(
     arguments = ["--ros-args", "-p", f"bag:={name}", "-p", f"record_state_hz:={record_state_hz}"]
     arguments += ["-p", f"compression:={compression}", "-p", f"min_free_gb:={min_free_gb}"]
     if topics:
-        arguments += ["-p", f"extra_topics:=[{', '.join(topics)}]"]
+        arguments += ["-p", f"extra_topics:={topics}"]
     if namespace:
         arguments += ["-r", f"__ns:=/{namespace.strip('/')}"]
     main(arguments)
