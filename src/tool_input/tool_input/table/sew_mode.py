@@ -148,7 +148,6 @@ class SewMode:
 
     def _take_out(self) -> None:
         last = self._last()
-        self._sewn.pop()
         request = Suture.Request(action=Suture.Request.REMOVE, sutures=last)
         self._person.request(
             "suture", request, lambda _: self._person.tell(f"Taken out: {counted(len(last))}.")
