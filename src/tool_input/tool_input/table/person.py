@@ -210,10 +210,11 @@ class Person:
         """A callback for viser that acts in the node's thread, in the order of the events.
 
         Args:
-            act: Called with viser's event, or without it if it takes no argument. What it raises
+            act: Called with viser's event, or without it if it needs no argument. What it raises
                 as ValueError is told to the person.
         """
-        takes_event = bool(inspect.signature(act).parameters)
+        given = inspect.signature(act).parameters.values()
+        takes_event = any(parameter.default is parameter.empty for parameter in given)
 
         async def callback(event: Any) -> None:
             self.desk.soon(lambda: self.attempt(act, *([event] if takes_event else [])))
