@@ -36,6 +36,7 @@ class LoopStatistics:
         step_ms: Times of model steps [ms].
         frame_ms: Times from the frame's start to its publication [ms].
         publish_ms: Times to publish [ms].
+        stood: Deadlines at which there was nothing to show: a recording is paused, or slow.
         residual: Distance from equilibrium [N], nan where it has no meaning.
         components: Connected parts of the organ; 0: not counted yet.
         sutures: Stitches that are there.
@@ -44,7 +45,7 @@ class LoopStatistics:
 
     def __init__(self) -> None:
         self.step_ms, self.frame_ms, self.publish_ms = Window(), Window(600), Window(600)
-        self.frames = self.steps = self.lost_states = 0
+        self.frames = self.steps = self.lost_states = self.stood = 0
         self.residual = float("nan")
         self.components = 0
         self.sutures = 0
@@ -53,6 +54,7 @@ class LoopStatistics:
         self._sim_time = self._sim_time_before = 0.0
         self._at = 0.0
         self._frames_before = self._steps_before = self._lost_before = self._late_before = 0
+        self._stood_before = 0
 
     def add(self, frame: Frame, frame_seconds: float, publish_seconds: float) -> None:
         """Count a published frame."""
@@ -79,7 +81,8 @@ class LoopStatistics:
         frames, steps = self.frames - self._frames_before, self.steps - self._steps_before
         late, lost = rate.late - self._late_before, self.lost_states - self._lost_before
         simulated = self._sim_time - self._sim_time_before
-        achieved = frames / elapsed if elapsed else 0.0
+        stood, self._stood_before = self.stood - self._stood_before, self.stood
+        achieved = (frames + stood) / elapsed if elapsed else 0.0
         factor = simulated / elapsed if elapsed and simulated >= 0 else 0.0
         self._at, self._frames_before, self._steps_before = now, self.frames, self.steps
         self._late_before, self._lost_before = rate.late, self.lost_states

@@ -156,6 +156,11 @@ class LiveSimulation:
         return self.busy_with in ("load", "reset")
 
     @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+        return self.simulation.paused
+
+    @property
     def progress(self) -> float:
         """Share of what is worked on that is done, 0 to 1, where it is known."""
         return 0.0

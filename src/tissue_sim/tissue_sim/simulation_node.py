@@ -29,10 +29,13 @@ from tissue_sim.interaction.reaction import NOTHING, ForceLimiter
 from tissue_sim.interaction.tracker import ACTIVE, FREE
 from tissue_sim.live import LiveSimulation, mesh_for_keyframe
 from tissue_sim.node_main import declare, overrides, run
+from tissue_sim.playback.parameters import clock_of, player_of
+from tissue_sim.playback.played import PlayedSimulation
 from tissue_sim.realtime import FixedRate, prepare_process, take_priority
 from tissue_sim.rehearsal import rehearse
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
+from tissue_sim.simulation_playback import PlaybackTopics
 from tissue_sim.simulation_rivals import Rivals
 from tissue_sim.simulation_services import SimulationServices
 from tissue_sim.simulation_tools import ToolSources
@@ -41,6 +44,9 @@ from tissue_sim.simulation_topics import Keyframes, SimulationTopics
 NODE = "tissue_sim"
 MARGIN = 0.06
 """Share of the period that steps leave for what nobody foresees."""
+
+SHOWN_AGAIN = 0.2
+"""Period in which what is shown of a recording that stands is published again [s]."""
 
 HOUSEKEEPING = 1.0
 """Period of diagnostics and of what the loop looks after between frames [s]."""
@@ -63,7 +69,6 @@ class SimulationNode(Node):
         self._rivals = Rivals(self, self._topics.state.topic_name)
         self._keyframes = Keyframes(self._topics)
         self._statistics = LoopStatistics()
-        self._rate = FixedRate(self._settings.scene.rate_hz)
         self._stop = threading.Event()
         self._limiters: dict[str, ForceLimiter] = {}
         self._contacts = ContactModels()
@@ -75,17 +80,20 @@ class SimulationNode(Node):
         # What comes after the steps, lately: they stop early enough for publishing in time.
         self._reserve = 0.002
         self._say(bytes(16), 0, Status.LOADING, "loading")
-        simulation = self._load()
+        self._live = self._played() if self._values["playback.bag"] else self._operated()
         self._rivals.refuse()
-        self._live = LiveSimulation(
-            simulation, self._settings.limits, self._settings.data_dir, self._settings.budget,
-            self._settings.steps_per_frame, self._first_keyframe,
-        )  # fmt: skip
+        self._rate = FixedRate(self._live.simulation.scene.rate_hz)
+        self._shown: Frame | None = None
+        self._shown_at = 0.0
         self._sources = ToolSources(self, self._live, self._settings.frames)
-        self._sources.follow(simulation.tools)
+        self._sources.follow(self._live.simulation.tools)
         self._served = SimulationServices(
             self, self._live, self._settings.frames.organ, self._follow_tools
         )
+        if isinstance(self._live, PlayedSimulation):
+            PlaybackTopics(
+                self, self._live, self._served, self._settings.frames.organ, self._follow_tools
+            )
         self._keyframes.publish(self._live.prepared, time.perf_counter())
         # Before the first frame: the clock may wait for a script that wants to know the tools.
         self._topics.publish_tools(list(self._live.trackers.values()), self._now())
@@ -109,6 +117,25 @@ class SimulationNode(Node):
             self._keyframes.finish()
 
     # Starting
+
+    def _operated(self) -> LiveSimulation:
+        """A simulation of the scene."""
+        settings = self._settings
+        return LiveSimulation(
+            self._load(), settings.limits, settings.data_dir, settings.budget,
+            settings.steps_per_frame, self._first_keyframe,
+        )  # fmt: skip
+
+    def _played(self) -> LiveSimulation:
+        """A simulation that plays a recording."""
+        settings = self._settings
+        player = player_of(self._values)
+        rehearse(sheet=player.simulation.mesh.sheet is not None)
+        self.get_logger().info(f"playing {player.recording}, {player.recording.organ}")
+        return PlayedSimulation(
+            player, clock_of(self._values), settings.limits, settings.data_dir, settings.budget,
+            settings.steps_per_frame, self._first_keyframe,
+        )  # fmt: skip
 
     def _load(self) -> Simulation:
         values = self._values
@@ -183,6 +210,9 @@ class SimulationNode(Node):
         begun = time.perf_counter()
         self._sources.take()
         until = self._rate.late_at - self._reserve - MARGIN * self._rate.period
+        if not self._live.due(until):
+            self._stand(begun, stamp)
+            return
         frame, answer = self._live.next_frame(begun, until)
         advanced = time.perf_counter()
         if self._live.switched != self._switched:
@@ -198,12 +228,25 @@ class SimulationNode(Node):
         after_steps = published - frame.stepped_at
         self._reserve = min(max(after_steps, 0.98 * self._reserve), 0.25 * self._rate.period)
         self._statistics.add(frame, published - begun, published - advanced)
+        self._shown, self._shown_at = frame, published
         self._after(frame, late, stamp)
+
+    def _stand(self, now: float, stamp: Time) -> None:
+        """There is nothing new to show: who comes only now is shown what there is."""
+        self._statistics.stood += 1
+        self._rate.published()
+        self._say_how_it_is(self._live.simulation)
+        if self._shown and not self._live.loading and now - self._shown_at > SHOWN_AGAIN:
+            self._shown_at = now
+            self._topics.publish_state(self._shown, stamp)
+        if now - self._looked_after > HOUSEKEEPING and not self._live.loading:
+            self._looked_after = now
+            gc.collect()
 
     def _publish_tools(self, frame: Frame, stamp: Time) -> None:
         simulation, live = self._live.simulation, self._live
         has_forces = simulation.model.has_forces
-        quiet = simulation.paused or live.loading or bool(frame.lost)
+        quiet = live.paused or live.loading or bool(frame.lost)
         for tool, topics in self._sources.topics.items():
             tracker = live.trackers.get(tool)
             if tracker is None or tool not in simulation.poses:
@@ -232,10 +275,7 @@ class SimulationNode(Node):
         if frame.lost:
             self.get_logger().error(frame.lost, throttle_duration_sec=1.0)
             self._message = frame.lost
-        state = Status.PAUSED if simulation.paused else Status.READY
-        if self._live.loading:
-            state = Status.LOADING
-        self._say(simulation.epoch, simulation.mesh.version, state, self._message)
+        self._say_how_it_is(simulation)
         self._topics.publish_tools(list(self._live.trackers.values()), stamp)
         self._conditions.publish(simulation, stamp)
         self._keyframes.publish_made(now, self._rate.slack())
@@ -332,6 +372,12 @@ class SimulationNode(Node):
 
     # Both
 
+    def _say_how_it_is(self, simulation: Simulation) -> None:
+        state = Status.PAUSED if self._live.paused else Status.READY
+        if self._live.loading:
+            state = Status.LOADING
+        self._say(simulation.epoch, simulation.mesh.version, state, self._message)
+
     def _say(self, epoch: bytes, version: int, state: int, message: str) -> None:
         live = getattr(self, "_live", None)
         organ: Mesh | None = live.simulation.mesh if live else None
@@ -344,6 +390,7 @@ class SimulationNode(Node):
             live.busy_with if live else "",
             message,
             self._now(),
+            round(live.progress, 2) if live and live.busy_with else 0.0,
         )
 
     def _now(self) -> Time:

@@ -40,6 +40,7 @@ from tissue_sim.interaction.tools import (
 )
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.parameters import ParameterError, Spec
+from tissue_sim.playback.parameters import PARAMETERS as PLAYBACK
 from tissue_sim.scene import Scene
 
 SAME = -1.0
@@ -288,6 +289,7 @@ def specs(given: Mapping[str, Any]) -> list[Spec]:
         *model_specs(),
         *frame_specs(sorted(frames)),
         *shape_specs(shapes),
+        *PLAYBACK,
     ]
 
 

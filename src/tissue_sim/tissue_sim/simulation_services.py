@@ -71,9 +71,19 @@ class SimulationServices:
             ("pause", SetBool, "tissue/pause", _pause),
             ("reset", Trigger, "tissue/reset", _reset),
         ):
-            group = ReentrantCallbackGroup()
-            handler = self._handler(kind, arguments)
-            node.create_service(service, name, handler, callback_group=group)
+            self.offer(kind, service, name, arguments)
+
+    def offer(self, kind: str, service: Any, name: str, arguments: ArgumentsOf) -> None:
+        """Offer a service whose requests the loop answers.
+
+        Args:
+            kind: Kind of the requests.
+            service: Its type.
+            name: Its name.
+            arguments: What a message asks for.
+        """
+        handler = self._handler(kind, arguments)
+        self._node.create_service(service, name, handler, callback_group=ReentrantCallbackGroup())
 
     def stop(self) -> None:
         """Answer whoever waits still: the simulation ends."""

@@ -71,25 +71,13 @@ class SimulationTopics:
     def publish_frame(self, frame: Frame, stamp: Time) -> None:
         """Publish a frame's state, edits, cut requests and journal entry."""
         entry = frame.journal
-        epoch = conversions.epoch_field(entry.epoch)
         edits = [
             conversions.edit_to_msg(edit, entry.epoch, self.frame_id, stamp)
             for edit in (applied.change.edit for applied in frame.edits)
         ]
         for edit in edits:
             self.edits.publish(edit)
-        state = TissueState(
-            header=conversions.header(self.frame_id, stamp),
-            sim_time=float(entry.sim_time),
-            version=entry.version,
-            frame=entry.frame,
-        )
-        state.epoch = epoch
-        moved = [sample for sample in entry.inputs.tools if sample.stamp]
-        state.tool_ids = [sample.tool for sample in moved]
-        state.tool_stamps = [conversions.stamp_of(sample.stamp) for sample in moved]
-        conversions.fill_state(state, frame.positions)
-        self.state.publish(state)
+        self.publish_state(frame, stamp)
         for number, cut in enumerate(frame.cuts):
             request_id = f"{entry.epoch.hex()[:8]}-{entry.frame}-{number}"
             if cut.stroke:
@@ -101,6 +89,22 @@ class SimulationTopics:
         planned = edits[len(edits) - len(entry.inputs.edits) :]
         self.journal.publish(conversions.entry_to_msg(entry, planned, self.frame_id, stamp))
 
+    def publish_state(self, frame: Frame, stamp: Time) -> None:
+        """Publish where the nodes are after a frame."""
+        entry = frame.journal
+        state = TissueState(
+            header=conversions.header(self.frame_id, stamp),
+            sim_time=float(entry.sim_time),
+            version=entry.version,
+            frame=entry.frame,
+        )
+        state.epoch = conversions.epoch_field(entry.epoch)
+        moved = [sample for sample in entry.inputs.tools if sample.stamp]
+        state.tool_ids = [sample.tool for sample in moved]
+        state.tool_stamps = [conversions.stamp_of(sample.stamp) for sample in moved]
+        conversions.fill_state(state, frame.positions)
+        self.state.publish(state)
+
     def publish_status(
         self,
         epoch: bytes,
@@ -111,9 +115,10 @@ class SimulationTopics:
         request: str,
         message: str,
         stamp: Time,
+        progress: float = 0.0,
     ) -> None:
         """Publish the status if it changed."""
-        now = (epoch, version, organ, model, state, request, message)
+        now = (epoch, version, organ, model, state, request, message, progress)
         if now == self._status_before:
             return
         self._status_before = now
@@ -124,6 +129,7 @@ class SimulationTopics:
             model=model,
             state=state,
             request=request,
+            progress=progress,
             message=message,
         )
         status.epoch = conversions.epoch_field(epoch)

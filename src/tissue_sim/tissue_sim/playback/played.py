@@ -132,6 +132,16 @@ class PlayedSimulation(LiveSimulation):
     # In the loop thread
 
     @property
+    def paused(self) -> bool:
+        """Whether time stands still: that of the recording, or that of the simulation."""
+        return super().paused or (self.branch is None and self.clock.paused)
+
+    @property
+    def loading(self) -> bool:
+        """Whether another epoch, or another time, is under way."""
+        return self.player.target > 0 or super().loading
+
+    @property
     def busy_with(self) -> str:
         """What is worked on; on the way to another time that is `seek`."""
         return SEEK if self.player.target else super().busy_with
@@ -203,8 +213,8 @@ class PlayedSimulation(LiveSimulation):
             if left and time.perf_counter() > until:
                 break
         if player.simulation.epoch != self._shown:
-            # Its keyframe has them.
-            edits = ()
+            # Its keyframe has those of frames that were not shown.
+            edits = frame.edits
             self._shown = player.simulation.epoch
             start = player.recording.epoch_at(player.frame).start
             self._switch((player.simulation, start, self._prepare(player.simulation)))

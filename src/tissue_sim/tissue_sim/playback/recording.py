@@ -46,6 +46,9 @@ class Recording:
         self.rate_hz = scene_of(self.entries[0]).rate_hz
         self.organ = epochs[0].organ
 
+    def __str__(self) -> str:
+        return f"{self.name}: {self.frames} frames, {self.seconds:.2f} s"
+
     @property
     def frames(self) -> int:
         """Number of frames."""
