@@ -87,6 +87,10 @@ class DragInput:
             self._say(END)
         self._path = self._ended = None
 
+    def forget(self) -> None:
+        """Drop the drag, if there is one, without an END: its mode is left."""
+        self._path = self._ended = None
+
     def _begin(self, event: Any, eye: Eye, in_depth: bool) -> None:
         at = tuple(float(value) for value in event.start_position)
         same_place = self._path is not None and np.allclose(at, self._begun_at, atol=1e-4)

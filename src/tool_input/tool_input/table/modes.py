@@ -23,7 +23,8 @@ START, MOVE, END = "start", "move", "end"
 class Drag:
     """One event of a drag on the tissue, in metres, in the organ's frame.
 
-    A drag has one START, any number of MOVE and one END, also when its window goes away.
+    A drag has one START, any number of MOVE and one END; but when another mode is chosen or the
+    window goes away there is no END but `Mode.leave`: a lost connection must not cut.
 
     Attributes:
         phase: START, MOVE or END.

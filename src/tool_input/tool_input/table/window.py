@@ -8,18 +8,24 @@ import numpy as np
 import viser
 from scipy.spatial.transform import Rotation
 
+from tool_input.table.blade_mode import BladeMode
 from tool_input.table.cut_mode import CutMode
 from tool_input.table.drag_input import DEPTH_MODIFIER, DragInput
 from tool_input.table.grab_mode import GrabMode
 from tool_input.table.modes import Drag, Mode, ModeMaker
 from tool_input.table.organ_view import OrganView
 from tool_input.table.page_scene import PageScene, Placement
+from tool_input.table.patch_mode import PatchMode
 from tool_input.table.person import Person
 from tool_input.table.pointer import Eye
 from tool_input.table.probe_mode import ProbeMode
+from tool_input.table.risk_mode import RiskMode
+from tool_input.table.sew_mode import SewMode
 from tool_input.table.tissue_frame import TissueFrame
 
-MODES: tuple[ModeMaker, ...] = (GrabMode, ProbeMode, CutMode)
+MODES: tuple[ModeMaker, ...] = (
+    GrabMode, ProbeMode, CutMode, BladeMode, SewMode, PatchMode, RiskMode,
+)  # fmt: skip
 """What a person can do by dragging; the first is chosen when a window opens."""
 
 
@@ -44,7 +50,6 @@ class Window:
         self._epoch = b""
         self._drags = DragInput(self._scene, self._dragged)
         self._organ: OrganView | None = None
-        self._mesh: Any = None
         self._modes: dict[str, Mode] = {}
         self._mode: Mode | None = None
         self._folder: viser.GuiFolderHandle | None = None
@@ -54,18 +59,14 @@ class Window:
         if frame.epoch != self._epoch:
             self._place(frame)
         assert self._organ is not None
-        self._organ.show(frame)
+        with self._client.atomic():
+            self._organ.show(frame)
         self._drags.see(frame)
         self._drags.expire()
-        if self._mesh is not self._organ.mesh_handle:
-            self._mesh = self._organ.mesh_handle
-            if not self.person.observer:
-                self._mesh.on_drag("left")(self._on_drag)
-                self._mesh.on_drag("left", modifier=DEPTH_MODIFIER)(self._on_drag)
 
     def choose(self, name: str) -> None:
         """Choose a mode by its name."""
-        self._drags.end()
+        self._drags.forget()
         if self._mode is not None:
             self._mode.leave()
         if self._folder is not None:
@@ -78,7 +79,7 @@ class Window:
 
     def close(self) -> None:
         """The window is gone: what its person holds is let go, and their tools go."""
-        self._drags.end()
+        self._drags.forget()
         if self._mode is not None:
             self._mode.leave()
         self.person.leave()
@@ -91,7 +92,7 @@ class Window:
             self.person.tools.make_again()
         else:
             self._status.content = f"You are **{self.person.name}**"
-            self._organ = OrganView(self._scene)
+            self._organ = OrganView(self._scene, self._listen)
             if not self.person.observer:
                 self._add_modes()
         self._epoch = frame.epoch
@@ -107,6 +108,12 @@ class Window:
             command = gui.add_command(mode.name, description=mode.help, hotkey=mode.key)
             command.on_trigger(self.person.in_turn(lambda name=mode.name: self.choose(name)))
         self.choose(next(iter(self._modes)))
+
+    def _listen(self, mesh: viser.MeshHandle) -> None:
+        """Take drags on a mesh that shows tissue."""
+        if not self.person.observer:
+            mesh.on_drag("left")(self._on_drag)
+            mesh.on_drag("left", modifier=DEPTH_MODIFIER)(self._on_drag)
 
     async def _on_drag(self, event: Any) -> None:
         camera = event.client.camera
