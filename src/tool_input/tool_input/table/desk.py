@@ -221,6 +221,10 @@ class Desk:
             self._values_of(self._difference, epoch, mesh.version),
         )
 
+    def pose(self, tool: str) -> NDArray[np.float64]:
+        """Where a tool is: position [m] and quaternion x y z w, shape (7,)."""
+        return self._poses[tool]
+
     def _surface_of(self, epoch: bytes, version: int) -> Surface:
         known = self._surface
         if known is None or known[:2] != (epoch, version):

@@ -73,7 +73,7 @@ class PersonTool:
         """Publish where it is once more, and whether it is pressed to who has begun to listen."""
         listeners = self._topics.listeners
         if listeners > self._listeners:
-            if self._listeners == 0:
+            if self._listeners == 0 and self.pressed:
                 # The first level that is heard makes no edge: the press must be the second.
                 self._topics.use(False)
             self._topics.use(self.pressed)
@@ -206,7 +206,7 @@ class Person:
                 f"observers cannot {doing}: open the page's other address to take part"
             )
 
-    def in_turn(self, act: Callable[..., None]) -> Callable[..., Coroutine[Any, Any, None]]:
+    def in_turn(self, act: Callable[..., object]) -> Callable[..., Coroutine[Any, Any, None]]:
         """A callback for viser that acts in the node's thread, in the order of the events.
 
         Args:
@@ -221,7 +221,7 @@ class Person:
 
         return callback
 
-    def attempt(self, act: Callable[..., None], *arguments: Any) -> None:
+    def attempt(self, act: Callable[..., object], *arguments: Any) -> None:
         """Act, and tell the person why it cannot be done if it cannot."""
         try:
             act(*arguments)

@@ -1,0 +1,199 @@
+"""Persons at the operating table: their tools, their requests, and those who only watch."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from tissue_interfaces.msg import Tool, ToolList
+from tissue_interfaces.srv import Cut, SetTool, Undo
+
+from support.fake_node import FakeNode
+from tool_input.table.desk import OBSERVERS_MAY, SERVICES, Desk
+from tool_input.table.person import Person
+
+
+@pytest.fixture
+def node() -> FakeNode:
+    return FakeNode()
+
+
+@pytest.fixture
+def desk(node: FakeNode) -> Desk:
+    return Desk(node, "organ")
+
+
+def person(desk: Desk, name: str = "anna-1", observer: bool = False) -> tuple[Person, list[str]]:
+    told: list[str] = []
+    return Person(name, desk, told.append, observer), told
+
+
+def uses(node: FakeNode, tool: str) -> list[bool]:
+    return [message.data for message in node.published_on(f"tools/{tool}/use")]
+
+
+def test_persons_have_tools_of_their_own(node: FakeNode, desk: Desk) -> None:
+    anna, bert = person(desk)[0], person(desk, "bert-1")[0]
+    for one in (anna, bert):
+        one.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005]).move([0.1, 0.2, 0.3])
+    made = [request.tool for request in node.asked_for("tissue/set_tool")]
+    assert [(tool.id, tool.owner) for tool in made] == [
+        ("anna_1_grab", "anna-1"),
+        ("bert_1_grab", "bert-1"),
+    ]
+    anna.tools.clear()
+    assert [request.tool for request in node.asked_for("tissue/remove_tool")] == ["anna_1_grab"]
+    bert.tools.repeat()
+    assert len(node.published_on("tools/bert_1_grab/servo_cp")) == 2
+    pose = node.published_on("tools/bert_1_grab/servo_cp")[-1]
+    assert pose.header.frame_id == "organ"
+    assert (pose.pose.position.x, pose.pose.orientation.w) == (0.1, 1.0)
+
+
+def test_a_press_is_an_edge_for_who_listens_however_late(node: FakeNode, desk: Desk) -> None:
+    """The first level a simulation hears makes no edge."""
+    node.listeners = 0
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0, 0, 0])
+    tool.use(True)
+    node.published.clear()
+    node.listeners = 1
+    tool.repeat()
+    assert uses(node, tool.id) == [False, True]
+    tool.repeat()
+    assert uses(node, tool.id) == [False, True]
+    node.listeners = 2  # A recorder: the simulation has heard of the press.
+    tool.repeat()
+    assert uses(node, tool.id) == [False, True, True]
+
+
+def test_a_pose_comes_before_the_press_that_belongs_to_it(node: FakeNode, desk: Desk) -> None:
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0.1, 0, 0], [0, 0, 1, 0])
+    tool.use(True)
+    topics = [topic.rpartition("/")[2] for topic, _ in node.published]
+    assert topics[-2:] == ["servo_cp", "use"]
+    tool.move([0.2, 0, 0])
+    assert node.published[-1][1].pose.orientation.z == 1.0
+
+
+def test_what_is_held_is_let_go_when_a_person_leaves(node: FakeNode, desk: Desk) -> None:
+    anna, _ = person(desk)
+    for name in ("grab", "grab_2"):
+        tool = anna.tools.make(name, Tool.GRAB, Tool.SPHERE, [0.005])
+        tool.move([0, 0, 0])
+        tool.use(True)
+    anna.leave()
+    for name in ("anna_1_grab", "anna_1_grab_2"):
+        assert uses(node, name)[-1] is False
+        assert {f"tools/{name}/servo_cp", f"tools/{name}/use"} <= set(node.closed)
+    assert len(node.asked_for("tissue/remove_tool")) == 2
+    assert anna.tools.names == ()
+
+
+def test_requests_say_who_asks_and_are_never_taken_for_one_another(
+    node: FakeNode, desk: Desk
+) -> None:
+    anna, _ = person(desk)
+    for _ in range(3):
+        anna.request("undo", Undo.Request())
+        anna.request("cut", Cut.Request())
+    undone, cut = node.asked_for("tissue/undo"), node.asked_for("tissue/cut")
+    assert {request.author for request in undone} == {"anna-1"}
+    ids = [request.request_id for request in undone + cut]
+    assert len(set(ids)) == 6
+    assert all(one.startswith("anna-1-") for one in ids)
+
+
+def test_answers_come_to_who_asked_and_refusals_are_told(node: FakeNode, desk: Desk) -> None:
+    anna, told = person(desk)
+    answers: list[Any] = []
+    anna.request("cut", Cut.Request(), answers.append)
+    assert len(answers) == 1
+    node.answers["tissue/cut"] = Cut.Response(success=False, message="the sweep crosses nothing")
+    anna.request("cut", Cut.Request(), answers.append)
+    assert len(answers) == 1
+    assert told == ["cut: the sweep crosses nothing"]
+    reason = SimpleNamespace(successful=False, reason="scalar = 'x' is not allowed")
+    node.answers["readings/set_parameters"] = SimpleNamespace(results=[reason])
+    anna.request("set_readings", SimpleNamespace())
+    assert "not allowed" in told[-1]
+
+
+def test_requests_wait_for_their_own_service_but_not_for_ever(
+    node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("tool_input.table.desk.time.monotonic", lambda: now)
+    node.missing = {"tissue/cut", "tissue/undo"}
+    anna, told = person(desk)
+    anna.request("cut", Cut.Request())
+    anna.request("undo", Undo.Request())
+    anna.request("set_tool", SetTool.Request())
+    assert [service for service, _ in node.asked] == ["tissue/set_tool"]
+    node.missing = {"tissue/undo"}
+    desk.hear()
+    assert [service for service, _ in node.asked] == ["tissue/set_tool", "tissue/cut"]
+    assert told == []
+    now += 60.0
+    desk.hear()
+    assert told == ["tissue/undo is not there: is its node running?"]
+    node.missing = set()
+    desk.hear()
+    assert len(node.asked) == 2
+
+
+@pytest.mark.parametrize("service", sorted(set(SERVICES) - OBSERVERS_MAY))
+def test_observers_can_ask_for_nothing_that_changes_the_tissue(
+    node: FakeNode, desk: Desk, service: str
+) -> None:
+    observer, told = person(desk, "observer-1", observer=True)
+    kind: Any = SERVICES[service][0]
+    observer.request(service, kind.Request())
+    desk.hear()
+    assert node.asked == []
+    assert len(told) == 1
+    assert "watch" in told[0]
+
+
+def test_observers_have_no_tools(node: FakeNode, desk: Desk) -> None:
+    observer, _ = person(desk, "observer-1", observer=True)
+    with pytest.raises(ValueError, match="observers cannot"):
+        observer.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    observer.leave()
+    assert node.asked == []
+    assert node.published == []
+
+
+def test_what_cannot_be_done_is_told_and_nothing_else_is_hidden(desk: Desk) -> None:
+    anna, told = person(desk)
+
+    def refuse(event: Any) -> None:
+        raise ValueError(f"a {event} is too short")
+
+    asyncio.run(anna.in_turn(refuse)("line"))
+    assert told == ["a line is too short"]
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(anna.in_turn(lambda: 1 / 0)("line"))
+    seen: list[Any] = []
+    asyncio.run(anna.in_turn(lambda by=7: seen.append(by))("line"))
+    assert seen == [7]
+
+
+def test_tools_are_shown_where_they_were_measured_last(node: FakeNode, desk: Desk) -> None:
+    tool = Tool(id="a", kind=Tool.GRAB, shape=Tool.SPHERE, size=[0.01], state=Tool.FREE)
+    node.hears("tissue/tools", ToolList(tools=[tool]))
+    desk.hear()
+    assert list(desk.tools) == ["a"]
+    pose = PoseStamped()
+    pose.pose.position.x = 0.25
+    node.hears("tools/a/measured_cp", pose)
+    desk.hear()
+    np.testing.assert_array_equal(desk.pose("a")[:3], [0.25, 0, 0])
+    node.hears("tissue/tools", ToolList())
+    desk.hear()
+    assert desk.tools == {}
