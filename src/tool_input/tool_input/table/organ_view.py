@@ -1,35 +1,157 @@
-"""The organ in one window."""
+"""The organ in one window, in the view that its person has chosen."""
 
 from __future__ import annotations
 
-import viser
+import time
+from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.geometry.surface import vertex_normals
+from tissue_sim.readings.fields import DISPLACEMENT, UNITS
+from tool_input.table.color_bar import color_bar, legend
+from tool_input.table.contour_bands import contour_bands, surface_edges
+from tool_input.table.mesh_pool import Look, MeshPool, OnMesh
 from tool_input.table.page_scene import PageScene
+from tool_input.table.scalar_scale import UNKNOWN, AutoScale, Scale, band_colors
+from tool_input.table.scalar_source import quantity_values
+from tool_input.table.spring_lines import SpringLines
+from tool_input.table.surface_parts import Color, SurfacePart, tissue_parts
 from tool_input.table.tissue_frame import Surface, TissueFrame
+from tool_input.table.views import SMOOTH, VIEWS, View, view_named
 
-TISSUE = (196, 92, 84)
+RECOLOR_PERIOD = 0.1
+"""Colours follow a quantity no faster than this [s]; the shape follows the tissue every frame."""
+
+VEIL = 0.16
+"""Opacity of the surface where the springs behind it are seen."""
+
+EDGE_COLOR: Color = (24, 26, 32)
+EDGE_LIFT = 0.002
+"""How far edges are drawn over the surface, in the page's units: in it they would flicker."""
 
 
 class OrganView:
-    """The organ's surface, deformed with every frame.
+    """Draws the organ in one window. What can be dragged are its meshes, whatever the view.
 
     Attributes:
-        mesh_handle: What is dragged on; another one after the surface has changed.
+        view: What is shown.
+        fixed_scale: The range of colours; None: it follows the values.
     """
 
-    def __init__(self, scene: PageScene) -> None:
-        """Show nothing yet."""
-        self.mesh_handle: viser.MeshHandle | None = None
+    def __init__(
+        self,
+        scene: PageScene,
+        on_mesh: OnMesh | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin with nothing drawn, in the view "smooth".
+
+        Args:
+            scene: The window's scene.
+            on_mesh: Called once with every mesh that shows tissue, when it is made: to listen to
+                drags on it. Meshes come when they are needed and are never removed.
+            clock: Seconds.
+        """
+        self.view: View = VIEWS[SMOOTH]
+        self.fixed_scale: Scale | None = None
         self._scene = scene
-        self._surface: Surface | None = None
+        self._clock = clock
+        self._meshes = MeshPool(scene.api, "/organ", on_mesh)
+        self._edges = MeshPool(scene.api, "/edges")
+        self._springs = SpringLines(scene.api)
+        self._auto = AutoScale(clock)
+        self._drawn: tuple[Surface, View, Scale | None] | None = None
+        self._values: NDArray[np.float64] | None = None
+        self._colored_at = 0.0
+        self._bar = ""
+
+    @property
+    def bar(self) -> str:
+        """What the colours mean, as HTML; empty: they are those of tissue."""
+        return self._bar
+
+    def choose(self, name: str) -> None:
+        """Choose a view, one of `VIEWS`.
+
+        Raises:
+            ValueError: There is no such view.
+        """
+        view = view_named(name)
+        if view.quantity != self.view.quantity:
+            self._auto, self._values, self.fixed_scale = AutoScale(self._clock), None, None
+        self.view = view
 
     def show(self, frame: TissueFrame) -> None:
-        """Show the tissue at one frame."""
-        vertices = self._scene.to_page(frame.positions[frame.surface.nodes])
-        if self.mesh_handle is not None and frame.surface is self._surface:
-            self.mesh_handle.vertices = vertices
+        """Draw the tissue at one frame."""
+        positions = self._scene.to_page(frame.positions)
+        same = self._drawn == (frame.surface, self.view, self.fixed_scale)
+        if self.view.quantity:
+            self._show_quantity(frame, positions, same)
+        elif same:
+            self._meshes.move(positions)
+        else:
+            self._bar = ""
+            opacity = VEIL if self.view.springs else None
+            self._show_parts(tissue_parts(frame.surface, frame.mesh), frame, positions, opacity)
+        self._show_lines(frame, positions, same)
+        self._drawn = (frame.surface, self.view, self.fixed_scale)
+
+    def _show_quantity(
+        self, frame: TissueFrame, positions: NDArray[np.float32], same: bool
+    ) -> None:
+        if same and self._clock() - self._colored_at < RECOLOR_PERIOD:
+            self._meshes.move(positions)
             return
-        self._surface = frame.surface
-        self.mesh_handle = self._scene.api.add_mesh_simple(
-            "/organ", vertices, frame.surface.triangles, color=TISSUE, side="double"
+        values = quantity_values(self.view.quantity, frame, self._values)
+        if same and self._values is not None and np.array_equal(values, self._values, True):
+            self._meshes.move(positions)
+            return
+        self._values, self._colored_at = values, self._clock()
+        shown = values[frame.surface.nodes]
+        scale = self.fixed_scale or self._auto.follow(shown)
+        colors = band_colors(self.view.quantity)
+        edges = surface_edges(frame.surface)
+        parts = contour_bands(edges, shown, scale.levels, colors, UNKNOWN)
+        self._show_parts(parts, frame, positions)
+        known = shown[np.isfinite(shown)]
+        largest = float(known.max()) if len(known) else None
+        unit = UNITS.get(self.view.quantity, UNITS[DISPLACEMENT])
+        self._bar = color_bar(self.view.quantity, unit, scale, colors, largest)
+
+    def _show_parts(
+        self,
+        parts: tuple[SurfacePart, ...],
+        frame: TissueFrame,
+        positions: NDArray[np.float32],
+        opacity: float | None = None,
+    ) -> None:
+        sheet = frame.mesh.sheet_rows is not None
+        self._meshes.show(
+            parts, positions, Look(self.view.flat, self.view.lines, opacity, both_sides=sheet)
         )
+
+    def _show_lines(self, frame: TissueFrame, positions: NDArray[np.float32], same: bool) -> None:
+        if self.view.springs:
+            self._springs.show(frame, positions)
+            self._bar = legend(self._springs.legend)
+        elif not same:
+            self._springs.hide()
+        if self.view.edges:
+            lifted = _lifted(frame.surface, positions)
+            if same:
+                self._edges.move(lifted)
+            else:
+                triangles = frame.surface.nodes[frame.surface.triangles]
+                part = SurfacePart.of_nodes(EDGE_COLOR, triangles)
+                self._edges.show((part,), lifted, Look(lines=True))
+        elif not same:
+            self._edges.show((), positions, Look(lines=True))
+
+
+def _lifted(surface: Surface, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The nodes of a surface a little outside it."""
+    normals = np.empty_like(positions)
+    vertex_normals(positions, surface.nodes[surface.triangles].astype(np.int32), normals)
+    return positions + np.float32(EDGE_LIFT) * normals

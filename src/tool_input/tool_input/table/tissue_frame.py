@@ -12,9 +12,11 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.surface import surface_triangles
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """The outside of one version of the tissue; the same object as long as that does not change.
+
+    Compared by identity, so that what is made of it can be kept for all windows.
 
     Attributes:
         nodes: Rows of the nodes on it, increasing, shape (n,).

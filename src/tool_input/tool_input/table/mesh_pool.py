@@ -1,0 +1,87 @@
+"""The meshes in a window that show parts of the organ's surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from tool_input.table.surface_parts import SurfacePart
+
+OnMesh = Callable[[viser.MeshHandle], None]
+
+_NOTHING = np.zeros((3, 3), dtype=np.float32)
+"""Vertices of a mesh that shows no part: an empty one has no extent, which viser cannot bear."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How all meshes look.
+
+    Attributes:
+        flat: Whether each triangle has a shade of its own.
+        lines: Whether only edges are drawn.
+        opacity: Of a veil, below 1; None: opaque.
+        both_sides: Whether triangles are seen from behind.
+    """
+
+    flat: bool = False
+    lines: bool = False
+    opacity: float | None = None
+    both_sides: bool = False
+
+
+class MeshPool:
+    """One mesh for each part. Meshes are never removed, so that a drag on one goes on."""
+
+    def __init__(self, api: viser.SceneApi, folder: str, on_mesh: OnMesh | None = None) -> None:
+        """Begin without meshes.
+
+        Args:
+            api: viser's scene of the window.
+            folder: Name of the scene's node that they belong to, such as "/organ".
+            on_mesh: Called with each mesh that is made.
+        """
+        self._api = api
+        self._folder = folder
+        self._on_mesh = on_mesh
+        self._meshes: list[viser.MeshHandle] = []
+        self._parts: Sequence[SurfacePart] = ()
+
+    def show(
+        self, parts: Sequence[SurfacePart], positions: NDArray[np.float32], look: Look
+    ) -> None:
+        """Show other parts.
+
+        Args:
+            parts: The parts.
+            positions: Where the nodes are in the page's units, shape (node_rows, 3).
+            look: How they look.
+        """
+        self._parts = [part for part in parts if len(part.triangles)]
+        while len(self._meshes) < len(self._parts):
+            self._add()
+        for mesh, part in zip(self._meshes, self._parts, strict=False):
+            mesh.vertices, mesh.faces = part.vertices(positions), part.triangles
+            mesh.color, mesh.visible = part.color, True
+            mesh.wireframe, mesh.flat_shading = look.lines, look.flat and not look.lines
+            mesh.opacity, mesh.side = look.opacity, "double" if look.both_sides else "front"
+        for mesh in self._meshes[len(self._parts) :]:
+            mesh.visible = False
+
+    def move(self, positions: NDArray[np.float32]) -> None:
+        """Show the same parts elsewhere; see `show`."""
+        for mesh, part in zip(self._meshes, self._parts, strict=False):
+            mesh.vertices = part.vertices(positions)
+
+    def _add(self) -> None:
+        mesh = self._api.add_mesh_simple(
+            f"{self._folder}/{len(self._meshes)}", _NOTHING, np.array([[0, 1, 2]], dtype=np.uint32),
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        self._meshes.append(mesh)
+        if self._on_mesh is not None:
+            self._on_mesh(mesh)
