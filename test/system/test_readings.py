@@ -34,6 +34,7 @@ BLOCK: dict[str, Any] = {
     "release_timeout": 3600.0,
 }  # fmt: skip
 TOP = np.array([SIDE, SIDE, SIDE])
+BASE = "risk_regions: [{name: base, points: [[0, 0, 0]], radius: 0.015, stress_limit: 1.0e9}]"
 
 
 def readings_of(message: Readings) -> dict[str, Any]:
@@ -69,7 +70,11 @@ def test_pulled_tissue_tells_its_stress_and_warns(ros_domain: int, tmp_path: Pat
         def reading(wanted: Callable[[Readings], Any]) -> Any:
             return seen.next("tissue/readings", wanted)
 
-        made.start("readings", "viz_bridge.readings_node", "--ros-args", "-p", "rate_hz:=20.0")
+        (tmp_path / "risk.yaml").write_text(BASE)
+        made.start(
+            "readings", "viz_bridge.readings_node", "--ros-args", "-p", "rate_hz:=20.0",
+            "-p", "risk_file:=risk.yaml", "-p", "risk_margin:=0.001",
+        )  # fmt: skip
         # Before there is tissue, there is nothing to paint on.
         early = paint(seen, "corner", TOP.tolist())
         assert early.error_code == SetRiskRegion.Response.NO_TISSUE
@@ -79,6 +84,12 @@ def test_pulled_tissue_tells_its_stress_and_warns(ros_domain: int, tmp_path: Pat
             assert not still.warnings
             mesh = conversions.topology_to_mesh(seen.last("tissue/topology"))
 
+            # What the file says is there, before anybody has painted.
+            base = seen.first("tissue/risk_regions", lambda m: m.regions).regions[0]
+            assert (base.name, base.margin, base.stress_limit) == ("base", 0.001, 1e9)
+            near = np.linalg.norm(mesh.rest[: mesh.node_rows], axis=1) <= 0.015
+            np.testing.assert_array_equal(np.array(base.nodes), np.flatnonzero(near))
+
             # Regions that are refused change nothing; painted ones are told to everybody.
             assert paint(seen, "", TOP.tolist()).error_code == SetRiskRegion.Response.INVALID
             far = paint(seen, "corner", [9.0, 9.0, 9.0])
@@ -87,7 +98,8 @@ def test_pulled_tissue_tells_its_stress_and_warns(ros_domain: int, tmp_path: Pat
             assert gone.error_code == SetRiskRegion.Response.UNKNOWN_REGION
             painted = paint(seen, "corner", TOP.tolist(), request_id="a")
             assert painted.success, painted.message
-            region = seen.first("tissue/risk_regions", lambda m: m.regions).regions[0]
+            region = seen.first("tissue/risk_regions", lambda m: len(m.regions) == 2).regions[1]
+            assert region.name == "corner"
             near = np.linalg.norm(mesh.rest[: mesh.node_rows] - TOP, axis=1) <= 0.015
             np.testing.assert_array_equal(np.array(region.nodes), np.flatnonzero(near))
             assert painted.nodes == near.sum() > 0
@@ -98,7 +110,7 @@ def test_pulled_tissue_tells_its_stress_and_warns(ros_domain: int, tmp_path: Pat
             reading(lambda m: ("near", "grip", True) in warnings_of(m))
             seen.place("grip", TOP.tolist())
             assert seen.call(Grab, "tissue/grab", tool="grip", request_id="").success
-            reading(lambda m: ("touched", "", True) in warnings_of(m))
+            reading(lambda m: ("touched", "grip", True) in warnings_of(m))
             assert set_scalar(seen, "von_mises_stress")
             assert not set_scalar(seen, "temperature")
             seen.place("grip", [SIDE, SIDE, SIDE + 0.01])
@@ -119,7 +131,9 @@ def test_pulled_tissue_tells_its_stress_and_warns(ros_domain: int, tmp_path: Pat
             remove = paint(seen, "corner", [], remove=True, request_id="b")
             assert remove.success
             assert paint(seen, "corner", [], remove=True, request_id="b").success
-            eventually(lambda: not seen.last("tissue/risk_regions").regions)
+            eventually(
+                lambda: [r.name for r in seen.last("tissue/risk_regions").regions] == ["base"]
+            )
             reading(lambda m: not m.warnings)
             ended = [w for m in list(seen.heard["tissue/readings"]) for w in m.warnings]
             over = [(w.what, w.tool) for w in ended if not w.begins]

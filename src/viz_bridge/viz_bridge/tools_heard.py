@@ -35,7 +35,7 @@ class ToolsHeard:
     def reaches(self) -> list[ToolReach]:
         """How far each tool reaches; those that nobody has moved yet are left out."""
         return [
-            ToolReach.of(name, tool.shape, list(tool.size), self._poses[name])
+            ToolReach.of(name, tool.shape, list(tool.size), self._poses[name], tool.kind)
             for name, tool in self._tools.items()
             if tool.state != Tool.FREE
         ]

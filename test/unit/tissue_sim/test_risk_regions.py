@@ -11,7 +11,8 @@ from support.cut_scenes import middle, new, rest
 from support.split_edit import split_at
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.mesh import Mesh
-from tissue_sim.interaction.tools import BOX, CAPSULE, RECTANGLE, SPHERE, TRIANGLE
+from tissue_sim.interaction.tools import BOX, CAPSULE, GRAB, RECTANGLE, SPHERE, TRIANGLE
+from tissue_sim.interaction.tools import CUT as CUTTING
 from tissue_sim.readings.reach import ToolReach
 from tissue_sim.readings.region_files import read_regions
 from tissue_sim.readings.regions import RiskRegion, RiskRegionError, RiskRegions, painted
@@ -178,6 +179,42 @@ def test_what_is_found_and_the_risk_of_each_node() -> None:
     expected = np.clip(1.0 - (distances - 0.002) / MARGIN, 0.0, 1.0)
     expected[:2] = 1.0
     np.testing.assert_allclose(risk[region.nodes], expected, atol=1e-12)
+
+
+def test_what_two_hands_hold_is_told_of_each_wherever_they_go() -> None:
+    """The hands take hold of both ends of the block's diagonal, and then cross over."""
+    mesh = new("block")
+    regions = RiskRegions()
+    nodes = mesh.node_ids[: mesh.node_rows]
+    regions.put(mesh, RiskRegion("all", nodes, 0.0, 0.0))
+    watch = RiskWatch(regions)
+    watch.restart(mesh)
+    low, high = rest(mesh).min(axis=0), rest(mesh).max(axis=0)
+
+    def hands(left: np.ndarray, right: np.ndarray) -> list[ToolReach]:
+        """And a blade that is nearer than the left one, but holds nothing."""
+        tools = (
+            ("left", GRAB, left - 0.005),
+            ("right", GRAB, right + 0.005),
+            ("blade", CUTTING, left - 0.003),
+        )
+        return [
+            ToolReach.of(name, SPHERE, (0.001,), np.array([*place, *UPRIGHT]), kind)
+            for name, kind, place in tools
+        ]
+
+    first = nodes[np.linalg.norm(rest(mesh) - low, axis=1) < 0.02]
+    second = nodes[np.linalg.norm(rest(mesh) - high, axis=1) < 0.02]
+    found, _ = watch.look(mesh, rest(mesh), hands(low, high), np.union1d(first, second), None)
+    assert found == {
+        Cause("all", TOUCHED, "left"): Finding(len(first)),
+        Cause("all", TOUCHED, "right"): Finding(len(second)),
+    }
+    away = np.array([1.0, 0.0, 0.0])
+    crossed = hands(high + away, low - away)
+    found, risk = watch.look(mesh, rest(mesh), crossed, second, None)
+    assert found == {Cause("all", TOUCHED, "right"): Finding(len(second))}
+    np.testing.assert_array_equal(nodes[risk == 1.0], second)
 
 
 def test_an_edit_that_changes_its_elements_is_told_once() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.readings.holders import Holders
 from tissue_sim.readings.reach import ToolReach
 from tissue_sim.readings.regions import RiskRegion, RiskRegions
 from tissue_sim.readings.risk_warnings import CUT, NEAR, STRESS, TOUCHED, Cause, Finding
@@ -28,10 +29,12 @@ class RiskWatch:
             regions: The regions, looked at as they are at the time.
         """
         self._regions = regions
+        self._holders = Holders()
         self._version = 0
 
     def restart(self, mesh: Mesh) -> None:
-        """Leave out the edits made so far."""
+        """Begin with another organ, or with one that was loaded again."""
+        self._holders.clear()
         self._version = mesh.version
 
     def look(
@@ -58,20 +61,21 @@ class RiskWatch:
         """
         found: dict[Cause, Finding] = {}
         risk = np.full(mesh.node_rows, np.nan)
-        is_held = np.zeros(mesh.node_rows, dtype=np.bool_)
         held_rows = mesh.node_rows_of(held)
-        is_held[held_rows[held_rows >= 0]] = True
+        there = held_rows >= 0
+        held_rows = held_rows[there]
+        holders = self._holders.take(held[there], places[held_rows], tools)
+        held_by = {tool: held_rows[which] for tool, which in holders.items()}
         is_cut = self._cut_since(mesh)
         for region in self._regions.by_name.values():
             rows = self._regions.rows(region.name)
             if not len(rows):
                 continue
             own = np.zeros(len(rows))
-            for what, mask in ((TOUCHED, is_held), (CUT, is_cut)):
-                if count := int(mask[rows].sum()):
-                    found[Cause(region.name, what)] = Finding(count)
-            own[is_held[rows]] = 1.0
-            _look_at_tools(region, places[rows].astype(np.float64), tools, found, own)
+            if count := int(is_cut[rows].sum()):
+                found[Cause(region.name, CUT)] = Finding(count)
+            touched = {tool: np.isin(rows, nodes) for tool, nodes in held_by.items()}
+            _look_at_tools(region, places[rows].astype(np.float64), tools, touched, found, own)
             if stress is not None and region.stress_limit > 0.0:
                 there, limit = np.nan_to_num(stress[rows]), region.stress_limit
                 np.maximum(own, np.minimum(there / limit, 1.0), out=own)
@@ -95,19 +99,24 @@ def _look_at_tools(
     region: RiskRegion,
     places: Reals,
     tools: Sequence[ToolReach],
+    touched: dict[str, NDArray[np.bool_]],
     found: dict[Cause, Finding],
     risk: Reals,
 ) -> None:
-    """Enter which tools are near a region or touch it, and the risk of its nodes."""
+    """Enter which tools are near a region or touch it, and the risk of its nodes.
+
+    `touched` says what each tool holds; what is inside it is added.
+    """
     for tool in tools:
         distances = tool.distances(places)
         nearest = float(distances.min())
         if nearest <= WIDER * region.margin:
             finding = Finding(max(nearest, 0.0), nearest <= region.margin)
             found[Cause(region.name, NEAR, tool.tool)] = finding
-        if touched := int((distances <= 0.0).sum()):
-            found[Cause(region.name, TOUCHED, tool.tool)] = Finding(touched)
+        touched[tool.tool] = touched.get(tool.tool, np.False_) | (distances <= 0.0)
         if region.margin > 0.0:
             np.maximum(risk, np.clip(1.0 - distances / region.margin, 0.0, 1.0), out=risk)
-        else:
-            risk[distances <= 0.0] = 1.0
+    for name, nodes in touched.items():
+        if nodes.any():
+            found[Cause(region.name, TOUCHED, name)] = Finding(int(nodes.sum()))
+            risk[nodes] = 1.0
