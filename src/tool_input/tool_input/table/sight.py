@@ -137,3 +137,10 @@ def _layers(distance: NDArray[np.float64], leaving: NDArray[np.bool_]) -> list[t
         else:
             layers.append((0.0, at))
     return layers
+
+
+def warm_up() -> None:
+    """Compile what a hit needs, or load it from numba's cache, before somebody drags."""
+    corners = np.eye(3)
+    triangle = np.array([[0, 1, 2]], dtype=np.uint32)
+    Sight(corners.astype(np.float32), corners, triangle).hit(np.zeros(3), np.ones(3) / np.sqrt(3))
