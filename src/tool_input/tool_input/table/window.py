@@ -12,16 +12,22 @@ from tool_input.table.blade_mode import BladeMode
 from tool_input.table.cut_mode import CutMode
 from tool_input.table.drag_input import DEPTH_MODIFIER, DragInput
 from tool_input.table.grab_mode import GrabMode
+from tool_input.table.help_panel import add_help, help_text
+from tool_input.table.model_panel import ModelPanel
 from tool_input.table.modes import Drag, Mode, ModeMaker
 from tool_input.table.organ_view import OrganView
 from tool_input.table.page_scene import PageScene, Placement
+from tool_input.table.panel import Panel
 from tool_input.table.patch_mode import PatchMode
 from tool_input.table.person import Person
+from tool_input.table.playback_panel import PlaybackPanel
 from tool_input.table.pointer import Eye
 from tool_input.table.probe_mode import ProbeMode
+from tool_input.table.readout import Readout
 from tool_input.table.risk_mode import RiskMode
 from tool_input.table.sew_mode import SewMode
 from tool_input.table.tissue_frame import TissueFrame
+from tool_input.table.views import VIEWS
 
 MODES: tuple[ModeMaker, ...] = (
     GrabMode, ProbeMode, CutMode, BladeMode, SewMode, PatchMode, RiskMode,
@@ -45,7 +51,9 @@ class Window:
         """
         self.person = person
         self._client = client
-        self._status = client.gui.add_markdown("Waiting for the simulation ...")
+        watches = ", you only watch" if person.observer else ""
+        client.gui.add_markdown(f"You are **{person.name}**{watches}")
+        self._told: list[Readout | ModelPanel | PlaybackPanel] = [Readout(person.desk, client.gui)]
         self._scene = PageScene(client.scene, Placement(np.zeros(3), 1.0))
         self._epoch = b""
         self._drags = DragInput(self._scene, self._dragged)
@@ -61,6 +69,8 @@ class Window:
         assert self._organ is not None
         with self._client.atomic():
             self._organ.show(frame)
+        for panel in self._told:
+            panel.update()
         self._drags.see(frame)
         self._drags.expire()
 
@@ -91,10 +101,10 @@ class Window:
         if self._epoch:
             self.person.tools.make_again()
         else:
-            self._status.content = f"You are **{self.person.name}**"
             self._organ = OrganView(self._scene, self._listen)
             if not self.person.observer:
                 self._add_modes()
+                self._add_panels()
         self._epoch = frame.epoch
 
     def _add_modes(self) -> None:
@@ -108,6 +118,12 @@ class Window:
             command = gui.add_command(mode.name, description=mode.help, hotkey=mode.key)
             command.on_trigger(self.person.in_turn(lambda name=mode.name: self.choose(name)))
         self.choose(next(iter(self._modes)))
+
+    def _add_panels(self) -> None:
+        gui = self._client.gui
+        panel = Panel(self.person, gui)
+        self._told += [PlaybackPanel(self.person, gui), ModelPanel(self.person, gui)]
+        add_help(gui, help_text(self._modes.values(), VIEWS.values(), panel.commands))
 
     def _listen(self, mesh: viser.MeshHandle) -> None:
         """Take drags on a mesh that shows tissue."""
