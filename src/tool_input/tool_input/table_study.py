@@ -94,7 +94,7 @@ def measure(
         blind = hand.count(seconds)
         hand.blindfold(False)
         least, moved, page = hand.single_moves(moves, rest)
-        triangles = len(window.organ()[2])
+        triangles = sum(len(part.faces) for part in window.organ())
         window.close()
         end_session(launcher)
     tool, frames = recorded(plan.bag_folder)
@@ -124,8 +124,8 @@ class Hand:
         """
         self._window = window
         self._start = window.tissue_at(grip)
-        self._name, vertices, _ = window.organ()
-        camera = window.camera
+        camera, largest = window.camera, window.organ()[0]
+        self._name, vertices = largest.name, largest.vertices
         seen = camera.pixels(vertices) - self._start
         self._row = int(np.argmin(np.linalg.norm(seen, axis=1)))
         depth = float((vertices[self._row] - camera.position) @ camera.axes[:, 2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +24,24 @@ PATIENCE = 60.0
 STEP_SECONDS = 0.03
 """Between two moves of the mouse: about what a hand's mouse sends while the page keeps up."""
 
-_MESHES = """() => Object.entries(watch.meshes).map(([name, mesh]) =>
-    [name, Array.from(mesh.vertices), mesh.faces ? Array.from(mesh.faces) : []])"""
+_ORGAN = """() => Object.entries(watch.meshes)
+    .filter(([name, mesh]) => name.startsWith("/organ") && mesh.visible && mesh.faces)
+    .map(([name, mesh]) => [name, Array.from(mesh.vertices), Array.from(mesh.faces)])"""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One mesh of the organ, as the page has it.
+
+    Attributes:
+        name: Its name in the scene.
+        vertices: In the page's units, shape (n, 3).
+        faces: Rows of `vertices`, shape (m, 3).
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
 
 
 class Window:
@@ -38,6 +55,7 @@ class Window:
             size: Width and height of what it shows [pixels].
         """
         self._context = browser.new_context(viewport={"width": size[0], "height": size[1]})
+        self._context.set_default_timeout(PATIENCE * 1e3)
         self.page = self._context.new_page()
         script = resources.files("tool_input") / "data" / "browser_watch.js"
         self.page.add_init_script(script=script.read_text(encoding="utf-8"))
@@ -72,28 +90,28 @@ class Window:
         self.until(
             lambda: self.page.evaluate(
                 "() => window.watch && watch.camera && watch.frames.length > 0 "
-                "&& Object.keys(watch.meshes).length > 0"
+                "&& Object.values(watch.meshes).some((mesh) => mesh.visible && mesh.faces)"
             ),
             "an organ",
             patience,
         )
-        for button in self.page.locator(".mantine-Notification-closeButton").all():
-            button.click()
+        self.page.evaluate(
+            "() => document.querySelectorAll('.mantine-Notification-closeButton')"
+            ".forEach((button) => button.click())"
+        )
 
     @property
     def camera(self) -> Camera:
         """From where it is seen."""
         return Camera.told(self.page.evaluate("() => watch.camera"))
 
-    def organ(self) -> tuple[str, NDArray[np.float64], NDArray[np.int64]]:
-        """Name, vertices (n, 3) in the page's units and faces (m, 3) of the largest surface."""
-        meshes = [given for given in self.page.evaluate(_MESHES) if given[2]]
-        name, vertices, faces = max(meshes, key=lambda given: len(given[2]))
-        return (
-            name,
-            np.array(vertices, dtype=np.float64).reshape(-1, 3),
-            np.array(faces, dtype=np.int64).reshape(-1, 3),
-        )
+    def organ(self) -> list[Part]:
+        """The meshes of the organ that are shown, the one with the most triangles first."""
+        parts = [
+            Part(name, np.array(vertices).reshape(-1, 3), np.array(faces).reshape(-1, 3))
+            for name, vertices, faces in self.page.evaluate(_ORGAN)
+        ]
+        return sorted(parts, key=lambda part: -len(part.faces))
 
     def free(self, pixel: Sequence[float]) -> bool:
         """Whether nothing lies over the scene at a pixel."""
@@ -115,7 +133,12 @@ class Window:
         Raises:
             ValueError: Nothing of the organ is in sight.
         """
-        _, vertices, faces = self.organ()
+        parts = self.organ()
+        firsts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        vertices = np.concatenate([part.vertices for part in parts])
+        faces = np.concatenate(
+            [part.faces + first for part, first in zip(parts, firsts, strict=False)]
+        )
         camera, lower, upper = self.camera, vertices.min(axis=0), vertices.max(axis=0)
         wanted = lower + np.asarray(place, dtype=np.float64) * (upper - lower)
         size = float(np.linalg.norm(upper - lower))

@@ -4,7 +4,7 @@
   const watch = {
     worker: null,     // what holds the connection
     camera: null,     // the newest ViewerCameraMessage
-    meshes: {},       // by name: {vertices: Float32Array, faces: Uint32Array}
+    meshes: {},       // by name: {vertices: Float32Array, faces: Uint32Array, visible}
     pointer: [],      // times of pointer moves [ms]
     sent: [],         // [time, message] of each message that the page sends
     batches: [],      // [time, bytes, places of the followed vertices or null] of each batch
@@ -19,20 +19,23 @@
     given instanceof Kind ? given : new Kind(given.buffer, given.byteOffset, given.byteLength / 4);
 
   const keep = (message) => {
-    const props = message.props || message.updates;
     if (message.type === "RemoveSceneNodeMessage") delete watch.meshes[message.name];
-    if (!props || !props.vertices) return false;
-    const mesh = (watch.meshes[message.name] = watch.meshes[message.name] || {});
-    mesh.vertices = numbers(props.vertices, Float32Array);
-    if (props.faces) mesh.faces = numbers(props.faces, Uint32Array);
-    return true;
+    if (message.type === "SetSceneNodeVisibilityMessage" && watch.meshes[message.name])
+      watch.meshes[message.name].visible = message.visible;
+    const { vertices, faces } = message.props || message.updates || {};
+    if (!vertices && !faces) return null;
+    const mesh = (watch.meshes[message.name] = watch.meshes[message.name] || { visible: true });
+    if (vertices) mesh.vertices = numbers(vertices, Float32Array);
+    if (faces) mesh.faces = numbers(faces, Uint32Array);
+    return vertices || faces;
   };
 
   const hear = (messages) => {
     let bytes = 0, moved = false;
     for (const message of messages) {
-      if (!keep(message)) continue;
-      bytes = (message.props || message.updates).vertices.buffer.byteLength;
+      const given = keep(message);
+      if (!given) continue;
+      bytes = given.buffer.byteLength;  // of the whole batch: its arrays are views into it
       moved = moved || (watch.follow && message.name === watch.follow.mesh);
     }
     const { vertices } = (moved && watch.meshes[watch.follow.mesh]) || {};
