@@ -179,11 +179,7 @@ def _save(
 ) -> int:
     if schema is None or channel is None:
         return 0
-    origin = Origin(
-        _qos(channel.metadata.get("offered_qos_profiles", "")),
-        schema.data.decode(),
-        channel.metadata.get("topic_type_hash", ""),
-    )
+    origin = origin_of(channel, schema)
     return writer.write(
         channel.topic,
         schema.name,
@@ -192,6 +188,15 @@ def _save(
         record.publish_time,
         origin,
         wait=True,
+    )
+
+
+def origin_of(channel: Channel, schema: Schema) -> Origin:
+    """Where the messages of a channel come from, for a bag they are copied into."""
+    return Origin(
+        _qos(channel.metadata.get("offered_qos_profiles", "")),
+        schema.data.decode(),
+        channel.metadata.get("topic_type_hash", ""),
     )
 
 

@@ -59,6 +59,7 @@ FIXED = (
     RecordedTopic("tissue/readings", _ours("Readings"), qos.READINGS),
     RecordedTopic("tissue/scalar", _ours("NodeScalar"), qos.STATE),
     RecordedTopic("tissue/risk_regions", _ours("RiskRegions"), qos.LATCHED, latched=True),
+    RecordedTopic("tissue/playback", _ours("Playback"), qos.LATCHED, latched=True),
     RecordedTopic("tissue/cut_request", _ours("CutRequest"), qos.CUT_REQUEST),
     RecordedTopic("script/event", "std_msgs/msg/String", _TEXTS, latched=True),
     RecordedTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", qos.DIAGNOSTICS),
