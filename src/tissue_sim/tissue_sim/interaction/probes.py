@@ -25,8 +25,9 @@ from tissue_sim.elastic.model import Model, State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
+from tissue_sim.interaction.reach import axis_of
 from tissue_sim.interaction.reaction import NOTHING
-from tissue_sim.interaction.tools import CAPSULE, ToolSpec
+from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.kernels.contact import gaps, nodes_near_axis, surface_at
 
 LEAVES = 0.1
@@ -58,7 +59,7 @@ class Touch:
         anchors: Where each first touched the probe, in its axes [m], shape (k, 3).
         area: Surface of each [m^2], shape (k,).
         tissue: Bound of the tissue's stiffness at each [N/m], shape (k,).
-        gap: Gap of each when the last frame ended [m], shape (k,).
+        gap: Gap of each when the frame began, with the probe where it is now [m], shape (k,).
         force: Force of the probe on each [N], shape (k, 3).
         near: Nodes that are looked at in every frame.
     """
@@ -219,19 +220,15 @@ class Probes:
         touch.near = self._within(looked, tool, pose, state, (1.0 + NEAR) * radius)
 
     def _within(self, rows: Rows, tool: ToolSpec, pose: Reals, state: State, reach: float) -> Rows:
-        shaft, length = _axis(tool, pose)
         count = nodes_near_axis(
-            rows, self._mesh.rest, state.displacement, pose[:3], shaft, length, reach, self._found
+            rows, self._mesh.rest, state.displacement, axis_of(tool, pose), reach, self._found
         )
         return self._found[:count].copy()
 
     def _gaps(self, rows: Rows, tool: ToolSpec, pose: Reals, state: State) -> tuple[Reals, Reals]:
         gap, normal = np.empty(len(rows)), np.empty((len(rows), 3))
-        shaft, length = _axis(tool, pose)
-        gaps(
-            rows, self._mesh.rest, state.displacement, pose[:3], shaft, length, tool.size[0], gap,
-            normal,
-        )  # fmt: skip
+        axis = axis_of(tool, pose)
+        gaps(rows, self._mesh.rest, state.displacement, axis, tool.size[0], gap, normal)
         return gap, normal
 
     def _renew(
@@ -258,7 +255,6 @@ class Probes:
         touch.anchors = np.concatenate([touch.anchors[stays], rigid.to_local(pose, places)])[order]
         touch.area = np.concatenate([touch.area[stays], area])[order]
         touch.tissue = np.concatenate([touch.tissue[stays], tissue])[order]
-        touch.gap = np.concatenate([touch.gap[stays], np.zeros(len(new))])[order]
         touch.rows = rows[order].astype(np.int32)
         touch.force = np.zeros((len(rows), 3))
         touch.gap, _ = self._gaps(touch.rows, tool, pose, state)
@@ -303,11 +299,6 @@ class Probes:
         dragged = rigid.to_local(pose, places - share[:, None] * slip)
         touch.anchors = np.where((share < 1.0)[:, None], dragged, touch.anchors)
         return pressing
-
-
-def _axis(tool: ToolSpec, pose: Reals) -> tuple[Reals, float]:
-    """Direction and length of a probe's axis, which begins at its tip."""
-    return rigid.matrix(pose[3:])[:, 2].copy(), tool.size[1] if tool.shape == CAPSULE else 0.0
 
 
 def _network(model: Model) -> SpringNetwork:

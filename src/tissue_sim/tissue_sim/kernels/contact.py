@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,18 +13,32 @@ Reals = NDArray[np.float64]
 Rows = NDArray[np.int32]
 
 
+class Axis(NamedTuple):
+    """The middle of a capsule, or of a sphere if it has no length.
+
+    Attributes:
+        tip: Where it begins [m], shape (3,).
+        shaft: Its unit direction, shape (3,).
+        length: [m].
+    """
+
+    tip: Reals
+    shaft: Reals
+    length: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _squared_way(rest, u, node, tip, shaft, length, way):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Squared distance of a node from the probe's axis [m^2]; writes the way from it."""
+def _squared_way(rest, u, node, axis, way):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Squared distance of a node from an axis [m^2]; writes the way from it."""
     along = 0.0
-    for axis in range(3):
-        way[axis] = rest[node, axis] + u[node, axis] - tip[axis]
-        along += way[axis] * shaft[axis]
-    along = min(max(along, 0.0), length)
+    for d in range(3):
+        way[d] = rest[node, d] + u[node, d] - axis.tip[d]
+        along += way[d] * axis.shaft[d]
+    along = min(max(along, 0.0), axis.length)
     squared = 0.0
-    for axis in range(3):
-        way[axis] -= along * shaft[axis]
-        squared += way[axis] * way[axis]
+    for d in range(3):
+        way[d] -= along * axis.shaft[d]
+        squared += way[d] * way[d]
     return squared
 
 
@@ -32,9 +47,7 @@ def nodes_near_axis(
     candidates: Rows,
     rest: Reals,
     u: NDArray[np.floating],
-    tip: Reals,
-    shaft: Reals,
-    length: float,
+    axis: Axis,
     reach: float,
     found: Rows,
 ) -> int:
@@ -44,9 +57,7 @@ def nodes_near_axis(
         candidates: Rows that are looked at, shape (c,).
         rest: Rest positions [m], shape (n, 3).
         u: Displacements [m], shape (n, 3).
-        tip: Where the axis begins [m], shape (3,).
-        shaft: Its unit direction, shape (3,).
-        length: Its length [m]; 0: a point.
+        axis: The axis.
         reach: The distance [m].
         found: Rows found, in the order of the candidates; written, shape (c,) at least.
 
@@ -55,7 +66,7 @@ def nodes_near_axis(
     """
     count, way = 0, np.empty(3)
     for node in candidates:
-        if _squared_way(rest, u, node, tip, shaft, length, way) <= reach * reach:
+        if _squared_way(rest, u, node, axis, way) <= reach * reach:
             found[count] = node
             count += 1
     return count
@@ -66,9 +77,7 @@ def gaps(
     nodes: Rows,
     rest: Reals,
     u: NDArray[np.floating],
-    tip: Reals,
-    shaft: Reals,
-    length: float,
+    axis: Axis,
     radius: float,
     gap: Reals,
     normal: Reals,
@@ -79,19 +88,17 @@ def gaps(
         nodes: Rows, shape (k,).
         rest: Rest positions [m], shape (n, 3).
         u: Displacements [m], shape (n, 3).
-        tip: Where its axis begins [m], shape (3,).
-        shaft: Unit direction of its axis, shape (3,).
-        length: Length of its axis [m].
+        axis: Of the probe.
         radius: Of the probe [m].
         gap: Written [m], shape (k,).
         normal: Written, shape (k, 3); the shaft's where a node lies on the axis.
     """
     way = np.empty(3)
     for k in range(len(nodes)):
-        distance = math.sqrt(_squared_way(rest, u, nodes[k], tip, shaft, length, way))
+        distance = math.sqrt(_squared_way(rest, u, nodes[k], axis, way))
         gap[k] = distance - radius
-        for axis in range(3):
-            normal[k, axis] = way[axis] / distance if distance > 1e-12 else shaft[axis]
+        for d in range(3):
+            normal[k, d] = way[d] / distance if distance > 1e-12 else axis.shaft[d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
