@@ -92,7 +92,8 @@ class TablePage:
     def _open(self, client: viser.ClientHandle, visitor: Visitor) -> None:
         def tell(text: str) -> None:
             self._desk.node.get_logger().info(f"{name}: {text}")
-            client.add_notification("", text, auto_close_seconds=TOLD_SECONDS)
+            if client.client_id in self._windows:
+                client.add_notification("", text, auto_close_seconds=TOLD_SECONDS)
 
         taken = {person.name for person in self.persons}
         names = (f"{visitor.name}-{number}" for number in range(1, len(taken) + 2))
