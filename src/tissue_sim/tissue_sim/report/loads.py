@@ -19,7 +19,7 @@ class Load:
         peak: Its largest value.
         peak_at: When that was [s].
         mean: Its mean over the time in which it is not 0; nan: it always is.
-        integral: Over time, by the trapezoidal rule, in unit seconds.
+        integral: Over time, by the trapezoidal rule, in unit seconds; nan for a single sample.
         loaded: Time in which it is not 0 [s].
     """
 
@@ -45,7 +45,7 @@ def load_of(
     gaps = np.diff(times)
     counted = np.where(gaps <= longest_gap, gaps, 0.0)
     pairs = 0.5 * (values[1:] + values[:-1])
-    integral = float((pairs * counted).sum())
+    integral = float((pairs * counted).sum()) if len(times) > 1 else float("nan")
     loaded = float(counted[pairs > 0.0].sum())
     top = int(np.argmax(values))
     mean = integral / loaded if loaded > 0.0 else float("nan")

@@ -12,14 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial import ConvexHull
 
-from tissue_sim.report.smoothness import log_dimensionless_jerk, spectral_arc_length
+from tissue_sim.report.smoothness import HIGHEST_HZ, log_dimensionless_jerk, spectral_arc_length
 
 IDLE_SPEED = 0.005
 """A tip slower than this is idle [m/s], where nobody says otherwise."""
 SHORTEST_MOVEMENT = 0.2
 """What is above the idle speed for less time than this is no movement [s]."""
+FILTER_NEEDS = 12
+"""Fewer samples than this are not filtered."""
 FLAT = 1e-6
 """A cloud of points is flat in a direction in which it is this share of its size."""
 
@@ -81,12 +84,18 @@ class Motion:
 def speeds_of(positions: Reals, rate_hz: float) -> Reals:
     """Speed of a tip [m/s], shape (n,), by central differences.
 
+    Positions pass a low-pass at `HIGHEST_HZ` first (Butterworth, second order, forwards and
+    backwards, so without delay): what is faster is the device's noise, not the hand's motion.
+
     Args:
         positions: Of the tip, evenly sampled [m], shape (n, 3).
         rate_hz: Samples per second [1/s].
     """
     if len(positions) < 2:
         return np.zeros(len(positions))
+    if len(positions) > FILTER_NEEDS and rate_hz > 2.5 * HIGHEST_HZ:
+        sections = butter(2, HIGHEST_HZ, fs=rate_hz, output="sos")
+        positions = sosfiltfilt(sections, positions, axis=0)
     speed: Reals = np.linalg.norm(np.gradient(positions, 1.0 / rate_hz, axis=0), axis=1)
     return speed
 
