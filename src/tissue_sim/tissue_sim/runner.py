@@ -227,7 +227,7 @@ def empty_folder(out: Path) -> Path:
 def _stay(launcher: Launcher, plan: SessionPlan, frames: int) -> None:
     """Wait until the run is over."""
     if plan.page:
-        _print_page(launcher, plan)
+        print_page(launcher, plan)
     if frames:
         rate = float(plan.scene.simulation.get("rate_hz", RATE_HZ))
         patience = 300.0 + frames / rate / SLOWEST
@@ -262,7 +262,7 @@ def _must_be_good(launcher: Launcher, name: str, code: int) -> None:
         raise LaunchError(f"{name} ended with {describe_exit(code)}\n{words}")
 
 
-def _print_page(launcher: Launcher, plan: SessionPlan) -> None:
+def print_page(launcher: Launcher, plan: SessionPlan) -> None:
     """Show the page's addresses, which its node prints with the tokens in them."""
     log = plan.out / "logs" / f"{TABLE}.log"
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from viz_bridge.bag_reader import BagError, summaries, topic_counts, topic_types
+from viz_bridge.bag_reader import BagError, metadata_of, summaries, topic_counts, topic_types
 
 app = typer.Typer(
     help="Record, play, check and convert bags (MCAP, as rosbag2 writes them).",
@@ -123,19 +123,6 @@ def info(bag: BAG) -> None:
     for key, value in metadata_of(bag).items():
         console.print(f"{key}: {value}", markup=False)
     console.print(table)
-
-
-def metadata_of(bag: Path) -> dict[str, str]:
-    """What a bag says about where it comes from: seed, revision and the like."""
-    from mcap.reader import make_reader
-
-    told: dict[str, str] = {}
-    for path in summaries(bag):
-        with path.open("rb") as stream:
-            for record in make_reader(stream).iter_metadata():
-                if record.name != "rosbag2":
-                    told |= record.metadata
-    return told
 
 
 @app.command()

@@ -154,6 +154,34 @@ def topic_types(bag: Path) -> dict[str, str]:
     }
 
 
+def metadata_of(bag: Path) -> dict[str, str]:
+    """What a bag says about where it comes from: seed, revision and the like.
+
+    Raises:
+        BagError: The bag was not ended.
+    """
+    told: dict[str, str] = {}
+    for path in summaries(bag):
+        with path.open("rb") as stream:
+            for record in make_reader(stream).iter_metadata():
+                if record.name != "rosbag2":
+                    told |= record.metadata
+    return told
+
+
+def attachments(bag: Path) -> dict[str, bytes]:
+    """The files in a bag by name; of several of a name the last.
+
+    Raises:
+        BagError: The bag was not ended.
+    """
+    found: dict[str, bytes] = {}
+    for path in summaries(bag):
+        with path.open("rb") as stream:
+            found |= {item.name: item.data for item in make_reader(stream).iter_attachments()}
+    return found
+
+
 def organ_namespaces(topics: Iterable[str]) -> list[str]:
     """The namespaces in which there is an organ, such as "" or "/left", sorted."""
     found = set()

@@ -24,6 +24,7 @@ METADATA = "tissue_sim/branch"
 PERIOD = 16_666_667
 """From the last recorded message to the first live one [ns]."""
 
+_OF_ORGAN = ("tissue/", "tools/", "script/", "/diagnostics", "diagnostics")
 _VERSIONED = ("tissue/edits", "tissue/topology")
 _NUMBERED = (*_VERSIONED, "tissue/journal", "tissue/state", "tissue/cut_request")
 _LATCHED = tuple(topic.name for topic in FIXED if topic.latched and topic.name not in _NUMBERED)
@@ -46,17 +47,16 @@ class BranchPoint:
     version: int = 1
 
 
-def branch_point(watched: Path, namespace: str | None = None) -> BranchPoint | None:
+def branch_point(watched: Path) -> BranchPoint | None:
     """Where people took over in a recorded session; None: nowhere.
 
     Args:
         watched: Bag of the session in which a recording was watched.
-        namespace: Namespace of the organ; None if there is only one.
 
     Raises:
         ValueError: The bag cannot be read.
     """
-    topic = f"{only_namespace(watched, namespace)}/{PLAYBACK}"
+    topic = f"{only_namespace(watched, None)}/{PLAYBACK}"
     for item in read_bag(watched, (topic,)):
         message = item.message
         if message.branch:
@@ -78,7 +78,7 @@ def write_branch(
         parent: The bag that was played.
         watched: The bag of the session in which it was, and was taken over.
         target: Directory of the new bag; must not exist, or be empty.
-        namespace: Namespace of the organ in both; None if there is only one.
+        namespace: Namespace of the organ in the parent; None if there is only one.
         progress: Called with the number of messages written so far.
 
     Returns:
@@ -88,7 +88,7 @@ def write_branch(
         ValueError: A bag cannot be read, or the target is not empty.
         OSError: The target cannot be written.
     """
-    point = branch_point(watched, namespace)
+    point = branch_point(watched)
     if point is None:
         return None
     prefix = only_namespace(parent, namespace) + "/"
@@ -98,9 +98,9 @@ def write_branch(
     epoch = recording.epoch_at(shown)
     if point.frame:
         point = replace(point, version=epoch.entries[point.frame - 1].version)
-    live_prefix = only_namespace(watched, namespace) + "/"
+    live_prefix = only_namespace(watched, None) + "/"
     begins, _ = _span(watched, live_prefix, point.branch, range(point.frame + 1, 1 << 62))
-    head = _head(parent, prefix, epoch.epoch, point, begins)
+    head = _head(parent, prefix, live_prefix, epoch.epoch, point, begins)
     tail = _tail(watched, live_prefix, point, begins)
     writer = BagWriter(target, BagOptions(min_free_gb=0.0))
     written = 0
@@ -116,7 +116,10 @@ def write_branch(
             },
         )
         for bag, messages in ((parent, head), (watched, tail)):
-            origins = _origins(bag)
+            origins = {
+                topic.replace(prefix, live_prefix, 1) if bag is parent else topic: origin
+                for topic, origin in _origins(bag).items()
+            }
             for item in messages:
                 writer.write(
                     item.topic, item.type_name, item.data, item.log_time, item.publish_time,
@@ -150,7 +153,7 @@ def _span(bag: Path, prefix: str, epoch: bytes, frames: range) -> tuple[int, int
 
 
 def _head(
-    parent: Path, prefix: str, epoch: bytes, point: BranchPoint, begins: int
+    parent: Path, prefix: str, live_prefix: str, epoch: bytes, point: BranchPoint, begins: int
 ) -> Iterator[BagMessage]:
     """The messages of an epoch up to the branch, as those of the branch, ending as it begins.
 
@@ -161,6 +164,8 @@ def _head(
     latched: dict[str, BagMessage] = {}
     for item in read_bag(parent):
         name = item.topic.removeprefix(prefix)
+        if not name.startswith(_OF_ORGAN):
+            continue
         if name in _NUMBERED:
             wanted = epoch in item.data and not _after(name, item, point)
         else:
@@ -171,6 +176,7 @@ def _head(
             later = begins - PERIOD - end
             yield replace(
                 message,
+                topic=message.topic.replace(prefix, live_prefix, 1),
                 # 128 random bits stand for nothing else in a message.
                 data=message.data.replace(epoch, point.branch),
                 log_time=message.log_time + later,

@@ -27,6 +27,7 @@ ROS_SIDE = (
     "tissue_sim/contact_messages.py",
     "tissue_sim/hole_messages.py",
     "tissue_sim/node_main.py",
+    "tissue_sim/playback_client.py",
     "tissue_sim/polled_subscriptions.py",
     "tissue_sim/simulation_playback.py",
     "tissue_sim/simulation_rivals.py",
