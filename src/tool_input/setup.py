@@ -46,6 +46,8 @@ setup(
             "crtk_node = tool_input.crtk_node:main",
             "joy_node = tool_input.joy_node:main",
             "haptic_node = tool_input.haptic_node:main",
+            "virtual_arm_node = tool_input.virtual_arm_node:main",
+            "haptic_node = tool_input.haptic_node:main",
         ],
     },
 )

@@ -63,6 +63,15 @@ class ArmMapping:
         self._tool = Pose(position, (self._rotation(arm) * self._turn).as_quat())
         return self._tool
 
+    @property
+    def clutched(self) -> bool:
+        """Whether the arm is off the tool."""
+        return self._clutched
+
+    def hand_pose(self, arm: Pose) -> Pose:
+        """The hand in the organ frame, in the tool's metres, whatever clutch and workspace do."""
+        return Pose(self._position(arm), self._rotation(arm).as_quat())
+
     def clutch(self, pressed: bool) -> None:
         """Take the arm off the tool, or put it back on."""
         if self._clutched and not pressed and self._tool is not None and self._arm is not None:
