@@ -25,10 +25,10 @@ from tissue_sim.elastic.model import Model, State
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
-from tissue_sim.interaction.reach import axis_of
+from tissue_sim.interaction.reach import capsule_of
 from tissue_sim.interaction.reaction import NOTHING
 from tissue_sim.interaction.tools import ToolSpec
-from tissue_sim.kernels.contact import gaps, nodes_near_axis, surface_at
+from tissue_sim.kernels.contact import Capsule, gaps, nodes_near_axis, surface_at
 
 LEAVES = 0.1
 """Share of its radius by which a node must be off a probe to be free again: no flicker."""
@@ -127,8 +127,9 @@ class Probes:
         used = {}
         for tool, pose in tools:
             touch = self.touches.get(tool.id) or Touch()
-            self._search(touch, tool, pose, state, taken)
-            self._renew(touch, tool, pose, state, model, taken)
+            capsule = capsule_of(tool, pose)
+            self._search(touch, capsule, state, taken)
+            self._renew(touch, capsule, pose, state, model, taken)
             taken[touch.rows] = True
             used[tool.id] = touch
         self.touches = used
@@ -157,7 +158,7 @@ class Probes:
             touch = self.touches.get(tool.id)
             if touch is None or not len(touch.rows):
                 continue
-            gap, normal = self._gaps(touch.rows, tool, pose, state)
+            gap, normal = self._gaps(touch.rows, capsule_of(tool, pose), state)
             if not model.has_forces:
                 out = np.minimum(gap, 0.0)[:, None] * normal
                 state.displacement[touch.rows] -= out.astype(state.displacement.dtype)
@@ -186,7 +187,7 @@ class Probes:
     def pressed(self, tool: ToolSpec, pose: Reals, state: State) -> Pressed:
         """Where and how far the tissue is pressed by a probe as things are."""
         touch = self.touches.get(tool.id) or Touch()
-        gap, normal = self._gaps(touch.rows, tool, pose, state)
+        gap, normal = self._gaps(touch.rows, capsule_of(tool, pose), state)
         places, slip = self._slip(touch, pose, state, normal)
         inside = gap < 0.0
         return Pressed(
@@ -200,14 +201,13 @@ class Probes:
         return places, slip - np.einsum("ij,ij->i", slip, normal)[:, None] * normal
 
     def _search(
-        self, touch: Touch, tool: ToolSpec, pose: Reals, state: State, taken: NDArray[np.bool_]
+        self, touch: Touch, capsule: Capsule, state: State, taken: NDArray[np.bool_]
     ) -> None:
         """Look at the nodes near the probe, and at a part of the others; all after a jump."""
         mesh = self._mesh
         if len(self._found) < mesh.node_capacity:
             self._found = np.empty(mesh.node_capacity, dtype=np.int32)
-        radius = tool.size[0]
-        tip = pose[:3]
+        tip, radius = capsule.tip, capsule.radius
         jumped = touch.last_tip is None or np.linalg.norm(tip - touch.last_tip) > NEAR * radius
         rows = mesh.node_rows
         first = 0 if jumped else rows * touch.turn // TURNS
@@ -217,34 +217,33 @@ class Probes:
         part = np.arange(first, last, dtype=np.int32)
         looked = part if jumped else np.union1d(touch.near, part).astype(np.int32)
         looked = looked[mesh.node_alive[looked] & ~taken[looked] & ~mesh.fixed[looked]]
-        touch.near = self._within(looked, tool, pose, state, (1.0 + NEAR) * radius)
+        touch.near = self._within(looked, capsule, state, (1.0 + NEAR) * radius)
 
-    def _within(self, rows: Rows, tool: ToolSpec, pose: Reals, state: State, reach: float) -> Rows:
+    def _within(self, rows: Rows, capsule: Capsule, state: State, reach: float) -> Rows:
         count = nodes_near_axis(
-            rows, self._mesh.rest, state.displacement, axis_of(tool, pose), reach, self._found
+            rows, self._mesh.rest, state.displacement, capsule, reach, self._found
         )
         return self._found[:count].copy()
 
-    def _gaps(self, rows: Rows, tool: ToolSpec, pose: Reals, state: State) -> tuple[Reals, Reals]:
+    def _gaps(self, rows: Rows, capsule: Capsule, state: State) -> tuple[Reals, Reals]:
         gap, normal = np.empty(len(rows)), np.empty((len(rows), 3))
-        axis = axis_of(tool, pose)
-        gaps(rows, self._mesh.rest, state.displacement, axis, tool.size[0], gap, normal)
+        gaps(rows, self._mesh.rest, state.displacement, capsule, gap, normal)
         return gap, normal
 
     def _renew(
         self,
         touch: Touch,
-        tool: ToolSpec,
+        capsule: Capsule,
         pose: Reals,
         state: State,
         model: Model,
         taken: NDArray[np.bool_],
     ) -> None:
         """Let go of nodes that are off the probe, and take those that are inside."""
-        gap, _ = self._gaps(touch.rows, tool, pose, state)
-        stays = (gap <= LEAVES * tool.size[0]) & ~taken[touch.rows]
+        gap, _ = self._gaps(touch.rows, capsule, state)
+        stays = (gap <= LEAVES * capsule.radius) & ~taken[touch.rows]
         stays &= self._mesh.node_alive[touch.rows]
-        inside = self._within(touch.near, tool, pose, state, tool.size[0])
+        inside = self._within(touch.near, capsule, state, capsule.radius)
         new = np.setdiff1d(inside, touch.rows[stays]).astype(np.int32)
         area, tissue = self._surface(new, model)
         outside = area > 0.0
@@ -257,7 +256,7 @@ class Probes:
         touch.tissue = np.concatenate([touch.tissue[stays], tissue])[order]
         touch.rows = rows[order].astype(np.int32)
         touch.force = np.zeros((len(rows), 3))
-        touch.gap, _ = self._gaps(touch.rows, tool, pose, state)
+        touch.gap, _ = self._gaps(touch.rows, capsule, state)
 
     def _surface(self, rows: Rows, model: Model) -> tuple[Reals, Reals]:
         """Surface of nodes [m^2], and a bound of what the tissue resists at them [N/m]."""

@@ -1,4 +1,4 @@
-"""What tools reach: the axes of spheres and capsules, and the nodes that a grab takes."""
+"""What tools reach: spheres and capsules, and the nodes that a grab takes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from numpy.typing import NDArray
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.interaction import rigid
 from tissue_sim.interaction.tools import BOX, CAPSULE, ToolSpec
-from tissue_sim.kernels.contact import Axis, nodes_near_axis
+from tissue_sim.kernels.contact import Capsule, nodes_near_axis
 from tissue_sim.kernels.positions import nodes_within
 
 Rows = NDArray[np.int32]
 
 
-def axis_of(tool: ToolSpec, pose: NDArray[np.float64]) -> Axis:
-    """The axis of a sphere or a capsule, which begins at its tip, at a pose, shape (7,)."""
+def capsule_of(tool: ToolSpec, pose: NDArray[np.float64]) -> Capsule:
+    """Where a sphere or a capsule is at a pose, shape (7,)."""
     length = tool.size[1] if tool.shape == CAPSULE else 0.0
-    return Axis(pose[:3], np.ascontiguousarray(rigid.matrix(pose[3:])[:, 2]), length)
+    shaft = np.ascontiguousarray(rigid.matrix(pose[3:])[:, 2])
+    return Capsule(pose[:3], shaft, length, tool.size[0])
 
 
 def nodes_in_sphere(
@@ -46,8 +47,8 @@ def nodes_inside(
     if tool.shape == CAPSULE:
         free = _free(mesh)
         found = np.empty(len(free), dtype=np.int32)
-        axis = axis_of(tool, pose)
-        count = nodes_near_axis(free, mesh.rest, displacement, axis, tool.size[0], found)
+        capsule = capsule_of(tool, pose)
+        count = nodes_near_axis(free, mesh.rest, displacement, capsule, capsule.radius, found)
         return found[:count].copy()
     if tool.shape != BOX:
         return nodes_in_sphere(mesh, displacement, pose[:3], tool.size[0])

@@ -13,31 +13,33 @@ Reals = NDArray[np.float64]
 Rows = NDArray[np.int32]
 
 
-class Axis(NamedTuple):
-    """The middle of a capsule, or of a sphere if it has no length.
+class Capsule(NamedTuple):
+    """A sphere swept along its axis.
 
     Attributes:
-        tip: Where it begins [m], shape (3,).
-        shaft: Its unit direction, shape (3,).
-        length: [m].
+        tip: Where the axis begins [m], shape (3,).
+        shaft: Unit direction of the axis, shape (3,).
+        length: Of the axis [m]; 0: a sphere.
+        radius: Of the sphere [m].
     """
 
     tip: Reals
     shaft: Reals
     length: float
+    radius: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _squared_way(rest, u, node, axis, way):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
-    """Squared distance of a node from an axis [m^2]; writes the way from it."""
+def _squared_way(rest, u, node, capsule, way):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Squared distance of a node from the axis [m^2]; writes the way from it."""
     along = 0.0
     for d in range(3):
-        way[d] = rest[node, d] + u[node, d] - axis.tip[d]
-        along += way[d] * axis.shaft[d]
-    along = min(max(along, 0.0), axis.length)
+        way[d] = rest[node, d] + u[node, d] - capsule.tip[d]
+        along += way[d] * capsule.shaft[d]
+    along = min(max(along, 0.0), capsule.length)
     squared = 0.0
     for d in range(3):
-        way[d] -= along * axis.shaft[d]
+        way[d] -= along * capsule.shaft[d]
         squared += way[d] * way[d]
     return squared
 
@@ -47,7 +49,7 @@ def nodes_near_axis(
     candidates: Rows,
     rest: Reals,
     u: NDArray[np.floating],
-    axis: Axis,
+    capsule: Capsule,
     reach: float,
     found: Rows,
 ) -> int:
@@ -57,7 +59,7 @@ def nodes_near_axis(
         candidates: Rows that are looked at, shape (c,).
         rest: Rest positions [m], shape (n, 3).
         u: Displacements [m], shape (n, 3).
-        axis: The axis.
+        capsule: Whose axis it is.
         reach: The distance [m].
         found: Rows found, in the order of the candidates; written, shape (c,) at least.
 
@@ -66,7 +68,7 @@ def nodes_near_axis(
     """
     count, way = 0, np.empty(3)
     for node in candidates:
-        if _squared_way(rest, u, node, axis, way) <= reach * reach:
+        if _squared_way(rest, u, node, capsule, way) <= reach * reach:
             found[count] = node
             count += 1
     return count
@@ -77,8 +79,7 @@ def gaps(
     nodes: Rows,
     rest: Reals,
     u: NDArray[np.floating],
-    axis: Axis,
-    radius: float,
+    capsule: Capsule,
     gap: Reals,
     normal: Reals,
 ) -> None:
@@ -88,17 +89,16 @@ def gaps(
         nodes: Rows, shape (k,).
         rest: Rest positions [m], shape (n, 3).
         u: Displacements [m], shape (n, 3).
-        axis: Of the probe.
-        radius: Of the probe [m].
+        capsule: The probe.
         gap: Written [m], shape (k,).
         normal: Written, shape (k, 3); the shaft's where a node lies on the axis.
     """
     way = np.empty(3)
     for k in range(len(nodes)):
-        distance = math.sqrt(_squared_way(rest, u, nodes[k], axis, way))
-        gap[k] = distance - radius
+        distance = math.sqrt(_squared_way(rest, u, nodes[k], capsule, way))
+        gap[k] = distance - capsule.radius
         for d in range(3):
-            normal[k, d] = way[d] / distance if distance > 1e-12 else axis.shaft[d]
+            normal[k, d] = way[d] / distance if distance > 1e-12 else capsule.shaft[d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
