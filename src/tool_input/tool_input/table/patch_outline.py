@@ -10,6 +10,8 @@ from tool_input.patch_items import CORNERS_OF_ELLIPSE
 Vec3 = NDArray[np.float64]
 
 ELLIPSE, RECTANGLE = "ellipse", "rectangle"
+_SMALLEST = 1e-3
+"""A shorter drag is a slip of the hand, as a share of the tissue's extent."""
 
 
 def outline(
@@ -30,11 +32,11 @@ def outline(
         Shape (k, 3), counterclockwise about the normal.
 
     Raises:
-        ValueError: The points are the same.
+        ValueError: The points are next to each other.
     """
     long = second - first
     half = 0.5 * float(np.linalg.norm(long))
-    if half == 0.0:
+    if half <= _SMALLEST * float(np.ptp(tissue, axis=0).max()):
         raise ValueError("a patch needs a drag from one side of it to the other; drag further")
     x = long / (2.0 * half)
     across = normal - (normal @ x) * x

@@ -130,11 +130,15 @@ class SewMode:
         )
 
     def _last(self) -> list[int]:
-        if not self._sewn:
-            raise ValueError(
-                "you have sewn nothing yet; drag from one side of a wound to the other"
-            )
-        return self._sewn[-1]
+        """The newest stitches of this person that are still there."""
+        mesh = self._person.desk.replica.mesh
+        there = set() if mesh is None else set(mesh.sutures.ids.tolist())
+        while self._sewn:
+            left = [suture for suture in self._sewn[-1] if suture in there]
+            if left:
+                return left
+            self._sewn.pop()
+        raise ValueError("no stitch of yours is there; drag from one side of a wound to the other")
 
     def _tighten(self, sutures: list[int]) -> None:
         def done(answer: Suture.Response) -> None:
