@@ -44,8 +44,14 @@ ROS_SIDE = (
     "tool_input/diagnostics_topic.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
+    "tool_input/table/*_mode.py",
     "tool_input/table/desk.py",
+    "tool_input/table/model_panel.py",
+    "tool_input/table/panel.py",
     "tool_input/table/person.py",
+    "tool_input/table/playback_panel.py",
+    "tool_input/table/readout.py",
+    "tool_input/table/tool_size.py",
     "tool_input/tool_topics.py",
 )
 # No file in these folders may join the list above.
