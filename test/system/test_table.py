@@ -20,7 +20,7 @@ from support.processes import Processes, processes
 from tissue_sim.geometry.components import connected_components
 from tool_input.browser.window import Window
 
-SOON = 60.0
+SOON = 120.0
 """Longest wait for what a window asked for [s]; only a failing test waits so long."""
 LOWER, UPPER = (0.5, 0.3, 1.0), (0.5, 0.7, 1.0)
 """Places on the wall's upper side, as shares of its length, width and thickness."""
@@ -132,13 +132,14 @@ def two_people_pull_at_once_and_who_leaves_lets_go(at: Table, anna: Window) -> N
     at.comes_about(lambda: min(at.moved(LOWER), at.moved(UPPER)) > 0.003, "tissue pulled by both")
     assert len({tool.owner for name in ("anna", "bert") for tool in at.tools(name)}) == 2
     # His mouse is still pressed: what a connection held that is gone is let go.
+    pulled = at.moved(UPPER)
     bert.close()
     at.comes_about(lambda: at.tools("bert") == [], "the end of his tools")
-    at.comes_about(lambda: at.moved(UPPER) < 0.002, "tissue that is free again")
+    at.comes_about(lambda: at.moved(UPPER) < 0.5 * pulled, "tissue that is free again")
     assert at.holds("anna")
     anna.release()
     at.comes_about(lambda: not at.holds("anna"), "her release")
-    at.comes_about(lambda: at.moved(LOWER) < 0.001, "the wall at rest")
+    at.comes_about(lambda: at.moved(LOWER) < 0.002, "the wall at rest")
 
 
 def a_drawn_cut_opens_the_tissue_and_undo_closes_it(at: Table, anna: Window) -> list[Any]:
@@ -146,7 +147,7 @@ def a_drawn_cut_opens_the_tissue_and_undo_closes_it(at: Table, anna: Window) -> 
     version = at.seen.mesh.version
     said = len(anna.said())
     anna.key("C")
-    anna.drag(anna.tissue_at((0.2, 0.5, 1.0)), anna.tissue_at((0.8, 0.5, 1.0)))
+    anna.drag(anna.tissue_at((0.06, 0.5, 1.0)), anna.tissue_at((0.94, 0.5, 1.0)))
     at.comes_about(lambda: at.seen.mesh.version > version, "the cut")
     drawn = anna.said()[said:]
     assert parts(at.seen) == 2
@@ -156,7 +157,7 @@ def a_drawn_cut_opens_the_tissue_and_undo_closes_it(at: Table, anna: Window) -> 
 
 
 def who_watches_cannot_act(at: Table, anna: Window, drawn: list[Any]) -> None:
-    version = at.seen.mesh.version
+    version, rest = at.seen.mesh.version, at.moved(LOWER)
     watcher = at.browser.open(at.addresses[1])
     assert watcher.page.get_by_role("button", name="Undo").count() == 0
     start = watcher.tissue_at(LOWER)
@@ -167,7 +168,7 @@ def who_watches_cannot_act(at: Table, anna: Window, drawn: list[Any]) -> None:
     at.seen.wait_frames(60)
     assert at.seen.mesh.version == version
     assert at.tools("observer") == []
-    assert at.moved(LOWER) < 0.001
+    assert at.moved(LOWER) < rest + 0.001
     for message in drawn:
         anna.forge(message)
     at.comes_about(lambda: at.seen.mesh.version > version, "the same cut from her own page")

@@ -263,7 +263,14 @@ def _must_be_good(launcher: Launcher, name: str, code: int) -> None:
 
 
 def print_page(launcher: Launcher, plan: SessionPlan) -> None:
-    """Show the page's addresses, which its node prints with the tokens in them."""
+    """Show the page's addresses."""
+    take_part, watch = page_addresses(launcher, plan)
+    console.print(f"Open [bold]{take_part}[/bold] to operate; every window is another person.")
+    console.print(f"Who opens {watch} only watches. Ctrl-C ends it.")
+
+
+def page_addresses(launcher: Launcher, plan: SessionPlan) -> tuple[str, str]:
+    """What to open to take part, and what to watch: the page's node prints it, tokens included."""
     log = plan.out / "logs" / f"{TABLE}.log"
 
     def addresses() -> list[str]:
@@ -271,5 +278,4 @@ def print_page(launcher: Launcher, plan: SessionPlan) -> None:
 
     launcher.wait(lambda: log.is_file() and len(addresses()) > 1, 120.0, "the page's addresses")
     take_part, watch = addresses()[:2]
-    console.print(f"Open [bold]{take_part}[/bold] to operate; every window is another person.")
-    console.print(f"Who opens {watch} only watches. Ctrl-C ends it.")
+    return take_part, watch

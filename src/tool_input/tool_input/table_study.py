@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tissue_sim.free_domain import choose_domain
 from tissue_sim.launcher import Launcher
 from tissue_sim.loop_study import machine
-from tissue_sim.runner import empty_folder, page_address
+from tissue_sim.runner import empty_folder, page_addresses
 from tissue_sim.scene_file import find_scene
 from tissue_sim.session import SessionPlan, end_session, start_session
 from tissue_sim.whole_files import write_json
@@ -85,7 +85,7 @@ def measure(
     with Launcher(plan.out / "logs") as launcher:
         start_session(launcher, plan)
         window = Window(browser, SIZE)
-        address = page_address(launcher, plan).replace("/?", f"/as/{PERSON}?")
+        address = page_addresses(launcher, plan)[0].replace("/?", f"/as/{PERSON}?")
         window.open(address)
         window.wait_drawn(PATIENCE)
         hand = Hand(window, GRIP[scene])

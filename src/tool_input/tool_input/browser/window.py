@@ -17,9 +17,9 @@ from tool_input.browser.camera import Camera
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Response
 
-SIZE = (720, 420)
+SIZE = (960, 420)
 """Width and height of a window [pixels]: the panel leaves room for the organ beside it."""
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Longest wait for what the page has to show or to say [s]."""
 STEP_SECONDS = 0.03
 """Between two moves of the mouse: about what a hand's mouse sends while the page keeps up."""
