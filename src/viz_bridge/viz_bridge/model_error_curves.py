@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tissue_sim.compare.models_table import FIRST, SECOND, standings
-from tissue_sim.compare.trial import Row
+from tissue_sim.compare.models.table import FIRST, SECOND, standings
+from tissue_sim.compare.models.trial import Row
 
 COLORS = {
     "finite_element": "#1f2933", "vertex_block_descent": "#2f6fc4", "quasi_static": "#c43c2f",
@@ -28,7 +28,7 @@ def draw_model_errors(result: dict[str, Any], picture: Path) -> None:
     """Draw the mean error over all interactions against the time a frame.
 
     Args:
-        result: What `compare.models_study.run` gave.
+        result: What `compare.models.study.run` gave.
         picture: PNG file to write.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg

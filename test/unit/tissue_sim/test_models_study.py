@@ -13,18 +13,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tissue_sim.compare import models_study
 from tissue_sim.compare.effort import Effort
-from tissue_sim.compare.models_fit import FITS
-from tissue_sim.compare.models_study import Study
-from tissue_sim.compare.models_table import BEGIN, END, SECOND, as_markdown, into_page, standings
+from tissue_sim.compare.models import study
+from tissue_sim.compare.models.fits import FITS
+from tissue_sim.compare.models.step_cost import StepCost, bought, step_cost
+from tissue_sim.compare.models.study import Study
+from tissue_sim.compare.models.table import BEGIN, END, SECOND, as_markdown, into_page, standings
+from tissue_sim.compare.models.trial import REFERENCES, Error, Reference, Row, Trial
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.organs import load_organ
 from tissue_sim.compare.sources.motions import MOTIONS
-from tissue_sim.compare.step_cost import StepCost, bought, step_cost
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import only_held, simulate
-from tissue_sim.compare.trial import REFERENCES, Error, Reference, Row, Trial
 from tissue_sim.elastic import registry
 
 RATE = 30.0
@@ -149,17 +149,17 @@ def test_a_study_goes_on_where_it_was_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(models_study, "SUBJECTS", (Subject("relaxation"), Subject("chain_mail")))
-    monkeypatch.setattr(models_study, "step_cost", lambda *of: cost_of(0.3))
-    monkeypatch.setattr(models_study, "measure_triad", lambda: 1e10)
+    monkeypatch.setattr(study, "SUBJECTS", (Subject("relaxation"), Subject("chain_mail")))
+    monkeypatch.setattr(study, "step_cost", lambda *of: cost_of(0.3))
+    monkeypatch.setattr(study, "measure_triad", lambda: 1e10)
     monkeypatch.setitem(REFERENCES, "corotated", REFERENCES["linear"])
     file = tmp_path / "errors.json"
-    whole = models_study.run(file, ("wall",), ("oblique",), (1.0,), fits=())
+    whole = study.run(file, ("wall",), ("oblique",), (1.0,), fits=())
     assert json.loads(file.read_text()) == whole
     assert [row["label"] for row in whole["rows"]] == ["relaxation", "chain_mail"]
     interrupted = {**whole, "rows": whole["rows"][:1]}
     file.write_text(json.dumps(interrupted))
-    resumed = models_study.run(file, ("wall",), ("oblique",), (1.0,), resume=True, fits=())
+    resumed = study.run(file, ("wall",), ("oblique",), (1.0,), resume=True, fits=())
     assert resumed["organs"] == whole["organs"]
     for now, then in zip(resumed["rows"], whole["rows"], strict=True):
         assert {**now, "ms": 0.0} == {**then, "ms": 0.0}
@@ -168,7 +168,7 @@ def test_a_study_goes_on_where_it_was_interrupted(
     with pytest.raises(ValueError, match="measured on abacus"):
         Study(file, resume=True)
     with pytest.raises(ValueError, match="budget of 0 ms a frame is out of range"):
-        models_study.run(None, ("wall",), budgets_ms=(0.0,))
+        study.run(None, ("wall",), budgets_ms=(0.0,))
 
 
 def test_tables_take_the_place_of_those_before() -> None:
@@ -181,8 +181,8 @@ def test_tables_take_the_place_of_those_before() -> None:
 
 
 def test_every_model_takes_part() -> None:
-    assert {subject.model for subject in models_study.SUBJECTS} == set(registry.names())
-    for subject in models_study.SUBJECTS:
+    assert {subject.model for subject in study.SUBJECTS} == set(registry.names())
+    for subject in study.SUBJECTS:
         subject.checked()
 
 
@@ -199,8 +199,8 @@ def test_the_study_is_shown_as_it_came_out(
         (row.organ, row.interaction, row.label, row.budget_ms): row
         for row in map(Row.of, result["rows"])
     }
-    labels = [subject.name for subject in (*models_study.SUBJECTS, *(f.subject for f in FITS))]
-    organs, budgets = models_study.ORGANS, models_study.BUDGETS_MS
+    labels = [subject.name for subject in (*study.SUBJECTS, *(f.subject for f in FITS))]
+    organs, budgets = study.ORGANS, study.BUDGETS_MS
     assert set(rows) == set(product(organs, MOTIONS, labels, budgets))
     # What the page says, and is.
     for budget in budgets:

@@ -13,11 +13,11 @@ from tissue_sim.compare.fit.problem import Problem, case_of
 from tissue_sim.compare.fit.search import search
 from tissue_sim.compare.fit.space import Space
 from tissue_sim.compare.fit.workers import workers_of
+from tissue_sim.compare.models.step_cost import bought, step_cost
+from tissue_sim.compare.models.trial import Trial
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.reference_cache import Say
-from tissue_sim.compare.step_cost import bought, step_cost
 from tissue_sim.compare.subject import Subject
-from tissue_sim.compare.trial import Trial
 from tissue_sim.elastic.ordering import WHOLE_ORGAN
 
 ORGAN, MOTION, BUDGET_MS, REFERENCE = "wall", "oblique", 4.0, "linear"

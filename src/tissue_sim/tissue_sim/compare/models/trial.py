@@ -9,10 +9,10 @@ from typing import Any
 from tissue_sim.compare.difference import difference
 from tissue_sim.compare.effort import Effort
 from tissue_sim.compare.interaction import Interaction
+from tissue_sim.compare.models.step_cost import StepCost, bought
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.reference_cache import Say, cached
 from tissue_sim.compare.sources.motions import motion
-from tissue_sim.compare.step_cost import StepCost, bought
 from tissue_sim.compare.subject import Subject
 from tissue_sim.compare.trajectory import Trajectory, only_held, simulate
 

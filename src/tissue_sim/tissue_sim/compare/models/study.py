@@ -1,6 +1,6 @@
 """Every model under five interactions at equal cost per frame; see docs/model_errors.md.
 
-python3 -m tissue_sim.compare.models_study --out docs/results/model_errors.json
+python3 -m tissue_sim.compare.models.study --out docs/results/model_errors.json
 """
 
 from __future__ import annotations
@@ -15,16 +15,15 @@ from typing import Any
 from rich.console import Console
 
 from tissue_sim.bench import machine, measure_triad
-from tissue_sim.compare import models_fit
-from tissue_sim.compare.models_fit import ALL, FITS, Fit
-from tissue_sim.compare.models_table import as_markdown, into_page
+from tissue_sim.compare.models.fits import ALL, FITS, ORGAN, Fit, fitted
+from tissue_sim.compare.models.step_cost import StepCost, step_cost
+from tissue_sim.compare.models.table import as_markdown, into_page
+from tissue_sim.compare.models.trial import Trial
 from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.organs import load_organ
 from tissue_sim.compare.reference_cache import Say
 from tissue_sim.compare.sources.motions import MOTIONS, motion
-from tissue_sim.compare.step_cost import StepCost, step_cost
 from tissue_sim.compare.subject import Subject
-from tissue_sim.compare.trial import Trial
 from tissue_sim.elastic import registry
 from tissue_sim.whole_files import write_json
 
@@ -109,7 +108,7 @@ class Study:
         for fit in fits:
             subject, known = fit.subject, self.result["fitted"]
             if subject.name not in known:
-                values = models_fit.fitted(fit, load_organ(models_fit.ORGAN), self._say)
+                values = fitted(fit, load_organ(ORGAN), self._say)
                 known[subject.name] = {"model": subject.model, "values": values}
                 self._write()
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tissue_sim.compare.trial import Error, Row
+from tissue_sim.compare.models.trial import Error, Row
 
 FIRST, SECOND = "linear", "corotated"
 """The reference that orders the models, and the one beside it."""

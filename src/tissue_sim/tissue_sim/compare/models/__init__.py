@@ -1,0 +1,1 @@
+"""Every model at equal cost per frame, ordered by its error."""
