@@ -42,6 +42,7 @@ ROS_SIDE = (
     "viz_bridge/tools_heard.py",
     "tool_input/crtk_arm.py",
     "tool_input/diagnostics_topic.py",
+    "tool_input/haptics/live_session.py",
     "tool_input/script_clock.py",
     "tool_input/script_requests.py",
     "tool_input/table/*_mode.py",
@@ -52,6 +53,7 @@ ROS_SIDE = (
     "tool_input/table/playback_panel.py",
     "tool_input/table/readout.py",
     "tool_input/table/tool_size.py",
+    "tool_input/table/view_panel.py",
     "tool_input/tool_topics.py",
 )
 # No file in these folders may join the list above.

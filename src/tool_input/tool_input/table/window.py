@@ -27,6 +27,7 @@ from tool_input.table.readout import Readout
 from tool_input.table.risk_mode import RiskMode
 from tool_input.table.sew_mode import SewMode
 from tool_input.table.tissue_frame import TissueFrame
+from tool_input.table.view_panel import ViewPanel
 from tool_input.table.views import VIEWS
 
 MODES: tuple[ModeMaker, ...] = (
@@ -58,6 +59,7 @@ class Window:
         self._epoch = b""
         self._drags = DragInput(self._scene, self._dragged)
         self._organ: OrganView | None = None
+        self._view: ViewPanel | None = None
         self._modes: dict[str, Mode] = {}
         self._mode: Mode | None = None
         self._folder: viser.GuiFolderHandle | None = None
@@ -67,8 +69,10 @@ class Window:
         if frame.epoch != self._epoch:
             self._place(frame)
         assert self._organ is not None
+        assert self._view is not None
         with self._client.atomic():
             self._organ.show(frame)
+        self._view.show(frame)
         for panel in self._told:
             panel.update()
         self._drags.see(frame)
@@ -102,6 +106,7 @@ class Window:
             self.person.tools.make_again()
         else:
             self._organ = OrganView(self._scene, self._listen)
+            self._view = ViewPanel(self.person, self._client.gui, self._organ)
             if not self.person.observer:
                 self._add_modes()
                 self._add_panels()
