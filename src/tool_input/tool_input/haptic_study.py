@@ -1,0 +1,119 @@
+"""How fast and how stable forces on a hand are; see docs/haptics.md.
+
+python3 -m tool_input.haptic_study --out docs/results/haptics.json
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from tissue_sim.bench import machine
+from tissue_sim.free_domain import choose_domain
+from tissue_sim.scene_file import find_scene
+from tissue_sim.whole_files import write_json
+from tool_input.haptics.bounce import RENDERINGS, Wall, restitution
+from tool_input.haptics.live_session import measure
+
+TOWARDS = {"wall": (0.0, 0.0, -1.0), "heart": (-1.0, 0.0, 0.0)}
+"""How each organ is pressed: the wall from above, the heart from the front."""
+RATES = ((500.0, 500.0), (1000.0, 500.0))
+"""Of the haptic node and of the arm [Hz]."""
+STIFFNESS = (100.0, 300.0, 1000.0, 2000.0)
+DAMPING = (0.0, 2.0, 10.0)
+DELAY = (0.002, 0.01, 0.03)
+
+
+def stability() -> list[dict[str, Any]]:
+    """Bounces of a mass off walls: speed after over speed before, by rendering."""
+    return [
+        {
+            "stiffness": stiffness, "damping": damping, "delay": delay,
+            **{r: round(restitution(Wall(stiffness, damping, delay), r), 4) for r in RENDERINGS},
+        }
+        for stiffness in STIFFNESS
+        for damping in DAMPING
+        for delay in DELAY
+    ]  # fmt: skip
+
+
+def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, Any]]:
+    """The real node beside the simulation of each scene."""
+    rows = []
+    for scene in scenes:
+        for rate_hz, arm_hz in RATES:
+            towards = np.array(TOWARDS[scene])
+            found = measure(find_scene(scene), towards, rate_hz, arm_hz, seconds)
+            rows.append({"scene": scene, **found})
+            latency = found["pose_to_force_ms"]
+            console.print(
+                f"{scene} at {rate_hz:g} Hz: {found['forces_per_second']:.0f} forces/s, pose to "
+                f"force {latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
+                highlight=False,
+            )
+    return rows
+
+
+def print_tables(result: dict[str, Any], console: Console) -> None:
+    """Print what was measured."""
+    if result["live"]:
+        table = Table(title="forces of the real node, beside the simulation")
+        heads = (
+            "scene",
+            "asked",
+            "forces/s",
+            "between p99",
+            "pose to force p50",
+            "p99",
+            "frames/s",
+        )
+        for head in heads:
+            table.add_column(head, justify="right")
+        for row in result["live"]:
+            between, latency = row["between_forces_ms"], row["pose_to_force_ms"]
+            table.add_row(
+                row["scene"], f"{row['rate_hz']:g} Hz", f"{row['forces_per_second']:.0f}",
+                f"{between['p99']:.2f} ms", f"{latency['p50']:.2f} ms", f"{latency['p99']:.2f} ms",
+                row["tissue_sim: loop"]["achieved_rate_hz"],
+            )  # fmt: skip
+        console.print(table)
+    table = Table(title="speed of a mass after its bounce over that before (no damping)")
+    table.add_column("stiffness, delay")
+    for rendering in RENDERINGS:
+        table.add_column(rendering, justify="right")
+    for row in result["stability"]:
+        if row["damping"] == 0.0:
+            table.add_row(
+                f"{row['stiffness']:g} N/m, {1e3 * row['delay']:g} ms",
+                *(f"{row[rendering]:.2f}" for rendering in RENDERINGS),
+            )
+    console.print(table)
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description="how fast and how stable haptic forces are")
+    parser.add_argument("--scene", choices=list(TOWARDS), action="append")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each live session")
+    parser.add_argument("--no-live", action="store_true", help="only the stability map")
+    parser.add_argument("--out", type=Path)
+    chosen = parser.parse_args()
+    console = Console(highlight=False)
+    rows = []
+    if not chosen.no_live:
+        console.print(f"ROS domain {choose_domain()}")
+        rows = live(chosen.scene or list(TOWARDS), chosen.seconds, console)
+    result = {"machine": machine(), "live": rows, "stability": stability()}
+    if chosen.out is not None:
+        chosen.out.parent.mkdir(parents=True, exist_ok=True)
+        write_json(chosen.out, result)
+    print_tables(result, console)
+
+
+if __name__ == "__main__":
+    main()
