@@ -80,8 +80,9 @@ def measure(
 ) -> dict[str, Any]:
     """One scene: a session of its own."""
     plan = SessionPlan(
-        find_scene(scene), empty_folder(out), recording=False, page=True, monitor=False
-    )
+        find_scene(scene), empty_folder(out), recording=False, page=True, monitor=False,
+        readings=True,
+    )  # fmt: skip
     with Launcher(plan.out / "logs") as launcher:
         start_session(launcher, plan)
         window = Window(browser, SIZE)
