@@ -187,7 +187,7 @@ class SimulationNode(Node):
             self._rate.start()
             while self._rate.wait(self._stop):
                 self._frame()
-                if self._statistics.frames == self._values["frames"]:
+                if 0 < self._values["frames"] == self._statistics.frames:
                     self._finish()
                     return
         except Exception as error:
