@@ -128,11 +128,14 @@ class PageGuard:
         return handler
 
     @contextmanager
-    def installed(self) -> Iterator[None]:
+    def installed(self, greet: Callable[[Any], None] | None = None) -> Iterator[None]:
         """Guard every websockets server started inside the block; viser offers no hook.
 
         What such a server does for a connection finds in `VISITOR` whom it belongs to. Those who
         come before the block is over wait for its end.
+
+        Args:
+            greet: Called with every connection that is let in, before it is served.
         """
         serve = websockets.asyncio.server.serve
 
@@ -142,6 +145,8 @@ class PageGuard:
                 VISITOR.set(_visitor(path) or Visitor("person", False))
                 while not self._ready.is_set():
                     await asyncio.sleep(0.01)
+                if greet is not None:
+                    greet(connection)
                 await attend(connection)
 
             options["process_request"] = self.wrap(options.get("process_request"))

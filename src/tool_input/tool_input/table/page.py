@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import socket
+from typing import Any
 
 import viser
 
@@ -14,6 +16,11 @@ from tool_input.table.window import Window
 
 TOLD_SECONDS = 8.0
 """How long a notification stays."""
+
+BACKLOG = 1 << 18
+"""[bytes] What the system may keep for a window that is slow to read: a frame or two of the heart.
+What changes while that waits replaces what changed before, so a slow window misses frames and is
+not late."""
 
 EYE = (1.1, -2.2, 1.5)
 """Where everybody looks from at first, in the page's units: at the organ, which is 2 large."""
@@ -45,7 +52,7 @@ class TablePage:
         self._guard = guard or PageGuard(host)
         self._windows: dict[int, Window] = {}
         # viser prints an address without the token, which opens nothing.
-        with self._guard.installed(), contextlib.redirect_stdout(io.StringIO()):
+        with self._guard.installed(_keep_short), contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(
                 host=host, port=port, label="tissue_sim", verbose=False
             )
@@ -107,3 +114,9 @@ class TablePage:
         if window is not None:
             window.close()
             self._desk.node.get_logger().info(f"{window.person.name} has gone")
+
+
+def _keep_short(connection: Any) -> None:
+    """Let little wait for a window that is slow to read."""
+    channel = connection.transport.get_extra_info("socket")
+    channel.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BACKLOG)

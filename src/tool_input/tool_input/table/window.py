@@ -63,6 +63,7 @@ class Window:
         self._modes: dict[str, Mode] = {}
         self._mode: Mode | None = None
         self._folder: viser.GuiFolderHandle | None = None
+        self._settings_order = 0.0
 
     def draw(self, frame: TissueFrame) -> None:
         """Show the tissue at one frame."""
@@ -86,7 +87,7 @@ class Window:
         if self._folder is not None:
             self._folder.remove()
         self._mode = self._modes[name]
-        self._folder = self._client.gui.add_folder(name.capitalize())
+        self._folder = self._client.gui.add_folder(name.capitalize(), order=self._settings_order)
         with self._folder:
             self._client.gui.add_markdown(self._mode.help)
             self._mode.settings(self._client.gui)
@@ -118,6 +119,7 @@ class Window:
             mode.name: mode for mode in (make(self.person, self._scene) for make in MODES)
         }
         buttons = gui.add_button_group("Mode", tuple(self._modes))
+        self._settings_order = buttons.order + 0.5
         buttons.on_click(self.person.in_turn(lambda: self.choose(buttons.value)))
         for mode in self._modes.values():
             command = gui.add_command(mode.name, description=mode.help, hotkey=mode.key)
