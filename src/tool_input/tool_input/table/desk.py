@@ -26,6 +26,8 @@ from tissue_sim.conversions import (
     positions_from_state,
     topology_to_mesh,
 )
+from tissue_sim.geometry.holes import Hole
+from tissue_sim.hole_messages import hole_from_msg
 from tissue_sim.polled_subscriptions import PolledSubscriptions
 from tissue_sim.replica import Replica
 from tool_input.table.tissue_frame import NodeValues, Surface, TissueFrame, ToolShown
@@ -219,6 +221,7 @@ class Desk:
             {name: self._shown(tool) for name, tool in self.tools.items()},
             self._values_of(self._scalar, epoch, mesh.version),
             self._values_of(self._difference, epoch, mesh.version),
+            self._holes_of(epoch),
         )
 
     def pose(self, tool: str) -> NDArray[np.float64]:
@@ -237,6 +240,12 @@ class Desk:
             tool.id, tool.kind, tool.shape, tuple(tool.size), tool.owner, tool.state,
             tool.pressed, self._poses[tool.id],
         )  # fmt: skip
+
+    def _holes_of(self, epoch: bytes) -> tuple[Hole, ...]:
+        holes = self.holes
+        if holes is None or epoch_of(holes) != epoch:
+            return ()
+        return tuple(hole_from_msg(hole) for hole in holes.holes)
 
     @staticmethod
     def _values_of(message: Any, epoch: bytes, version: int) -> NodeValues | None:

@@ -13,8 +13,10 @@ from tool_input.table.surface_parts import SurfacePart
 
 OnMesh = Callable[[viser.MeshHandle], None]
 
-_NOTHING = np.zeros((3, 3), dtype=np.float32)
-"""Vertices of a mesh that shows no part: an empty one has no extent, which viser cannot bear."""
+_NOWHERE, _NOTHING = np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint32)
+"""Vertices and triangles of a mesh that shows nothing: an empty one has no extent, which viser
+cannot bear. It is not made invisible: viser would end a drag on it, and hides and shows meshes a
+frame before it draws their new shapes, so that parts of two moments would be seen together."""
 
 
 @dataclass(frozen=True)
@@ -61,25 +63,26 @@ class MeshPool:
             positions: Where the nodes are in the page's units, shape (node_rows, 3).
             look: How they look.
         """
-        self._parts = [part for part in parts if len(part.triangles)]
-        while len(self._meshes) < len(self._parts):
+        self._parts = parts
+        while len(self._meshes) < len(parts):
             self._add()
-        for mesh, part in zip(self._meshes, self._parts, strict=False):
-            mesh.vertices, mesh.faces = part.vertices(positions), part.triangles
-            mesh.color, mesh.visible = part.color, True
+        for mesh, part in zip(self._meshes, parts, strict=False):
+            mesh.color = part.color
             mesh.wireframe, mesh.flat_shading = look.lines, look.flat and not look.lines
             mesh.opacity, mesh.side = look.opacity, "double" if look.both_sides else "front"
-        for mesh in self._meshes[len(self._parts) :]:
-            mesh.visible = False
+            mesh.faces = part.triangles if len(part.triangles) else _NOTHING
+        for mesh in self._meshes[len(parts) :]:
+            mesh.vertices, mesh.faces = _NOWHERE, _NOTHING
+        self.move(positions)
 
     def move(self, positions: NDArray[np.float32]) -> None:
         """Show the same parts elsewhere; see `show`."""
         for mesh, part in zip(self._meshes, self._parts, strict=False):
-            mesh.vertices = part.vertices(positions)
+            mesh.vertices = part.vertices(positions) if len(part.triangles) else _NOWHERE
 
     def _add(self) -> None:
         mesh = self._api.add_mesh_simple(
-            f"{self._folder}/{len(self._meshes)}", _NOTHING, np.array([[0, 1, 2]], dtype=np.uint32),
+            f"{self._folder}/{len(self._meshes)}", _NOWHERE, _NOTHING,
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         self._meshes.append(mesh)

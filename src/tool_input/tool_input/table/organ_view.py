@@ -12,6 +12,7 @@ from tissue_sim.geometry.surface import vertex_normals
 from tissue_sim.readings.fields import DISPLACEMENT, UNITS
 from tool_input.table.color_bar import color_bar, legend
 from tool_input.table.contour_bands import contour_bands, surface_edges
+from tool_input.table.lighting import light
 from tool_input.table.mesh_pool import Look, MeshPool, OnMesh
 from tool_input.table.page_scene import PageScene
 from tool_input.table.scalar_scale import UNKNOWN, AutoScale, Scale, band_colors
@@ -58,11 +59,13 @@ class OrganView:
         self.fixed_scale: Scale | None = None
         self._scene = scene
         self._clock = clock
+        light(scene.api)
         self._meshes = MeshPool(scene.api, "/organ", on_mesh)
         self._edges = MeshPool(scene.api, "/edges")
         self._springs = SpringLines(scene.api)
         self._auto = AutoScale(clock)
         self._drawn: tuple[Surface, View, Scale | None] | None = None
+        self._epoch = b""
         self._values: NDArray[np.float64] | None = None
         self._colored_at = 0.0
         self._bar = ""
@@ -85,6 +88,8 @@ class OrganView:
 
     def show(self, frame: TissueFrame) -> None:
         """Draw the tissue at one frame."""
+        if frame.epoch != self._epoch:
+            self._epoch, self._values = frame.epoch, None
         positions = self._scene.to_page(frame.positions)
         same = self._drawn == (frame.surface, self.view, self.fixed_scale)
         if self.view.quantity:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tissue_sim.geometry.holes import Hole
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.surface import surface_triangles
 
@@ -86,6 +87,7 @@ class TissueFrame:
         tools: The tools by name.
         scalar: The newest of `tissue/scalar` for this version; None: none was heard.
         difference: Distance from a second model [m], likewise from `tissue/difference`.
+        holes: The holes that have a name.
     """
 
     epoch: bytes
@@ -96,6 +98,7 @@ class TissueFrame:
     tools: Mapping[str, ToolShown]
     scalar: NodeValues | None = None
     difference: NodeValues | None = None
+    holes: tuple[Hole, ...] = ()
 
     @property
     def version(self) -> int:

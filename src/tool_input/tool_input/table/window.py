@@ -25,8 +25,10 @@ from tool_input.table.pointer import Eye
 from tool_input.table.probe_mode import ProbeMode
 from tool_input.table.readout import Readout
 from tool_input.table.risk_mode import RiskMode
+from tool_input.table.seam_lines import SeamLines
 from tool_input.table.sew_mode import SewMode
 from tool_input.table.tissue_frame import TissueFrame
+from tool_input.table.tools_view import ToolsView
 from tool_input.table.view_panel import ViewPanel
 from tool_input.table.views import VIEWS
 
@@ -60,6 +62,8 @@ class Window:
         self._drags = DragInput(self._scene, self._dragged)
         self._organ: OrganView | None = None
         self._view: ViewPanel | None = None
+        self._tools = ToolsView(self._scene, person.name)
+        self._seams = SeamLines(self._scene)
         self._modes: dict[str, Mode] = {}
         self._mode: Mode | None = None
         self._folder: viser.GuiFolderHandle | None = None
@@ -73,6 +77,8 @@ class Window:
         assert self._view is not None
         with self._client.atomic():
             self._organ.show(frame)
+            self._tools.show(frame)
+            self._seams.show(frame)
         self._view.show(frame)
         for panel in self._told:
             panel.update()
