@@ -41,12 +41,9 @@ from tissue_sim.interaction.reach import nodes_in_sphere, nodes_inside
 from tissue_sim.interaction.reaction import NOTHING, wrench_on_tool
 from tissue_sim.interaction.seeding import Seeding
 from tissue_sim.interaction.tools import AT_USE, CUT, GRAB, PATCH, PROBE, ToolSpec, blade
-from tissue_sim.kernels.positions import place_nodes
+from tissue_sim.kept_state import KeptState
 from tissue_sim.progressive import ProgressiveCuts
 from tissue_sim.scene import Scene
-
-EXPLODED = 20.0
-"""A displacement of so many sizes of the organ is not believed."""
 
 LONGER = 1.25
 """A step may take so many times as long as the longest one of its frame."""
@@ -120,10 +117,7 @@ class Simulation:
         )  # fmt: skip
         self._prepared: dict[str, tuple[int, Model]] = {}
         self._checked: dict[int, CheckedEdit] = {}
-        self._good = self.state.displacement.copy()
-        self._buffers = [np.zeros((mesh.node_capacity, 3), dtype=np.float32) for _ in range(2)]
-        extent = np.ptp(mesh.rest[: mesh.node_rows], axis=0).max() if mesh.node_rows else 1.0
-        self._limit = EXPLODED * float(max(extent, 1e-6))
+        self._kept = KeptState(mesh, self.state)
         self._owed = 0.0
         self._tools_changed = True
         self._events: list[str] = []
@@ -417,9 +411,7 @@ class Simulation:
 
     def _remember(self) -> None:
         """Keep the state from before anything moves, to go back to if it is lost."""
-        if len(self._good) != len(self.state.displacement):
-            self._good = np.empty_like(self.state.displacement)
-        np.copyto(self._good, self.state.displacement)
+        self._kept.keep()
         for patch in self.holds.patches:
             patch.remember()
 
@@ -510,24 +502,15 @@ class Simulation:
 
     def _positions(self) -> tuple[NDArray[np.float32], str]:
         """Positions after the frame, and why the state was lost; then it is restored."""
-        rows = self.mesh.node_rows
-        if len(self._buffers[0]) < rows:
-            shape = (self.mesh.node_capacity, 3)
-            self._buffers = [np.zeros(shape, dtype=np.float32) for _ in range(2)]
-        self._buffers.reverse()
-        positions = self._buffers[0][:rows]
-        rest, displacement = self.mesh.rest[:rows], self.state.displacement
-        bad = place_nodes(rest, displacement[:rows], self._limit, positions)
+        positions, bad = self._kept.positions()
         if not bad:
             return positions, ""
         self.lost_states += 1
         lost = (
-            f"{bad} nodes were not finite or farther than {self._limit:g} m from rest after frame "
-            f"{self.frame} with model {self.model.name}; the state before it is restored"
+            f"{bad} nodes were not finite or farther than {self._kept.limit:g} m from rest after "
+            f"frame {self.frame} with model {self.model.name}; the state before it is restored"
         )
-        np.copyto(displacement, self._good)
-        np.copyto(self.state.previous, displacement)
-        place_nodes(rest, displacement[:rows], self._limit, positions)
+        self._kept.restore(positions)
         for patch in self.holds.patches:
             patch.restore()
         self.probes.forget()
