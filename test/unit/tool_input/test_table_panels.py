@@ -255,12 +255,21 @@ def test_the_bar_follows_the_recording_without_asking_for_anything(table: Table)
 
 
 def test_a_person_moves_the_bar(table: Table) -> None:
-    panel = PlaybackPanel(table.person, table.gui)
+    now = [0.0]
+    panel = PlaybackPanel(table.person, table.gui, lambda: now[0])
     table.desk.tools = {"grasper": Tool(), "scalpel": Tool()}
     table.desk.playback = playback(taken_over=["scalpel"])
     panel.update()
     assert table.gui["Tools"].options == ("all tools", "grasper")
-    table.gui["Time [s]"].set(7.0)
+    for now[0], value in ((1.0, 5.0), (1.2, 6.0), (1.4, 7.0)):
+        table.gui["Time [s]"].set(value)
+        panel.update()
+    assert table.asked("set_playback") == [], "the slider still moves"
+    table.desk.playback = playback(taken_over=["scalpel"], time=1.0)
+    panel.update()
+    assert table.gui["Time [s]"].value == 7.0
+    now[0] = 2.0
+    panel.update()
     table.gui["Paused"].set(True)
     table.gui["Paused"].set(False)
     table.gui["Rate"].set("1/2")

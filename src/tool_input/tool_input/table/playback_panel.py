@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 import viser
@@ -14,19 +16,26 @@ RATES = {"1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 """Recorded seconds a second."""
 
 EVERYTHING = "all tools"
+SETTLED = 0.3
+"""The recording goes where the slider has stayed for so long [s]: going there takes work."""
 
 
 class PlaybackPanel:
     """Shown as long as a recording is played; what others do to it is followed."""
 
-    def __init__(self, person: Person, gui: viser.GuiApi) -> None:
+    def __init__(
+        self, person: Person, gui: viser.GuiApi, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         """Begin without a bar.
 
         Args:
             person: Whose window it is.
             gui: The window's controls.
+            clock: Seconds.
         """
         self._person = person
+        self._clock = clock
+        self._moved: float | None = None
         self._gui = gui
         self._heard: Playback | None = None
         self._folder: viser.GuiFolderHandle | None = None
@@ -34,6 +43,9 @@ class PlaybackPanel:
 
     def update(self) -> None:
         """Show where the recording is now."""
+        if self._moved is not None and self._clock() - self._moved > SETTLED:
+            self._moved = None
+            self._ask(SetPlayback.Request.SEEK, self._place.value)
         playback = self._person.desk.playback
         if playback is None or playback is self._heard:
             return
@@ -41,7 +53,8 @@ class PlaybackPanel:
             self._build(playback)
         self._heard = playback
         self._text.content = _told(playback)
-        self._place.value = min(max(playback.time, 0.0), self._place.max)
+        if self._moved is None:
+            self._place.value = min(max(playback.time, 0.0), self._place.max)
         self._paused.value, self._loop.value = playback.paused, playback.looping
         tools = (EVERYTHING, *sorted(set(self._person.desk.tools) - set(playback.taken_over)))
         if tools != self._tools:
@@ -64,7 +77,7 @@ class PlaybackPanel:
             self._tool = gui.add_dropdown("Tools", self._tools)
             take = gui.add_button("Take over", hint="They go on live from exactly this state")
         ask, own = self._ask, self._by_person
-        self._place.on_update(own(lambda: ask(SetPlayback.Request.SEEK, self._place.value)))
+        self._place.on_update(own(lambda: setattr(self, "_moved", self._clock())))
         self._paused.on_update(own(self._pause))
         rate.on_click(own(lambda: ask(SetPlayback.Request.RATE, RATES[rate.value])))
         self._loop.on_update(own(lambda: ask(SetPlayback.Request.LOOP, float(self._loop.value))))
