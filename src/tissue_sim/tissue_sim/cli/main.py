@@ -7,7 +7,19 @@ import sys
 import typer
 from rich.console import Console
 
-from tissue_sim.cli import bench, compare, demo, fit, history, mesh, pictures, replay, run, thesis
+from tissue_sim.cli import (
+    bench,
+    compare,
+    demo,
+    fit,
+    history,
+    mesh,
+    pictures,
+    replay,
+    report,
+    run,
+    thesis,
+)
 from tissue_sim.launcher import LaunchError
 
 BAD_INPUT = 2
@@ -25,6 +37,7 @@ app = typer.Typer(
 app.command("run")(run.run)
 app.command("demo")(demo.demo)
 app.command("replay")(replay.replay)
+app.command("report")(report.report)
 app.command("undo")(history.undo)
 app.command("redo")(history.redo)
 app.command("compare")(compare.compare)

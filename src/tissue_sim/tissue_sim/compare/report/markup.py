@@ -9,27 +9,44 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 STYLE = """
-body { margin: 0; background: #fff; color: #1c2530; line-height: 1.5;
+:root { color-scheme: light dark; --paper: #fff; --ink: #1c2530; --soft: #4a5562; --rule: #c9d0d8;
+  --faint: #e4e8ec; --lost: #a3281f; }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #14181d; --ink: #e3e8ee; --soft: #a3afbc; --rule: #3d4854; --faint: #28303a;
+    --lost: #ff8d80; }
+  .js-plotly-plot .main-svg { background: transparent !important; }
+  .main-svg .bg, .main-svg .bglayer rect { fill: transparent !important; }
+  .main-svg text { fill: var(--ink) !important; }
+  .main-svg .gridlayer path { stroke: var(--faint) !important; }
+  .main-svg .updatemenu-container text, .main-svg .hoverlayer text { fill: #1c2530 !important; }
+  .main-svg .hoverlayer path { fill: #f1f3f6 !important; }
+  .modebar-btn path { fill: var(--soft) !important; }
+}
+body { margin: 0; background: var(--paper); color: var(--ink); line-height: 1.5;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 main { max-width: 62rem; margin: 0 auto; padding: 2rem 1.2rem 4rem; }
 h1 { font-size: 1.6rem; margin: 0 0 .3rem; }
-h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; border-bottom: 1px solid #c9d0d8; }
+h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; border-bottom: 1px solid var(--rule); }
 h3 { font-size: 1rem; margin: 1.8rem 0 .3rem; }
 p, li { max-width: 48rem; }
-.lead { color: #4a5562; margin-top: 0; }
+.lead { color: var(--soft); margin-top: 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
-caption { text-align: left; color: #4a5562; padding-bottom: .3rem; }
+caption { text-align: left; color: var(--soft); padding-bottom: .3rem; }
 th, td { padding: .25rem .8rem .25rem 0; text-align: left; vertical-align: top; }
-thead th { border-bottom: 1px solid #1c2530; font-weight: 600; vertical-align: bottom; }
-tbody tr { border-bottom: 1px solid #e4e8ec; }
+thead th { border-bottom: 1px solid var(--ink); font-weight: 600; vertical-align: bottom; }
+tbody tr { border-bottom: 1px solid var(--faint); }
 th.number, td.number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number { white-space: nowrap; }
-tr.lost td { color: #a3281f; }
+tr.lost td { color: var(--lost); }
 code { font-size: .85em; overflow-wrap: anywhere; }
 figure { margin: .8rem 0 1.6rem; }
 figure img { max-width: 100%; height: auto; }
-figcaption { color: #4a5562; font-size: .88rem; max-width: 48rem; }
+figcaption { color: var(--soft); font-size: .88rem; max-width: 48rem; }
+.gallery { display: grid; gap: 0 1rem;
+  grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); }
+.gallery figure { margin: .4rem 0 .8rem; }
+summary { cursor: pointer; margin: 1.4rem 0 .3rem; font-weight: 600; }
 .note { border-left: 3px solid #c98a1b; padding-left: .8rem; }
 @media print { h2, h3, figcaption { break-after: avoid; } figure, tr { break-inside: avoid; } }
 """
@@ -138,6 +155,21 @@ def image(address: str, caption: str) -> str:
         f'<figure><img src="{escape(address)}" alt="{escape(caption)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
+
+
+def gallery(images: Iterable[str]) -> str:
+    """Pictures beside each other where there is room, from `image`."""
+    return f'<div class="gallery">{"".join(images)}</div>'
+
+
+def folded(words: str, body: str) -> str:
+    """Something long that is only shown when its words are clicked.
+
+    Args:
+        words: What it is.
+        body: Markup of it.
+    """
+    return f"<details><summary>{escape(words)}</summary>{body}</details>"
 
 
 def _class(kind: str) -> str:
