@@ -38,7 +38,8 @@ class OrganView:
 
     Attributes:
         view: What is shown.
-        fixed_scale: The range of colours; None: it follows the values.
+        scale: The range of its colours; None: they are those of tissue.
+        fixed_scale: The range they shall have; None: it follows the values.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class OrganView:
             clock: Seconds.
         """
         self.view: View = VIEWS[SMOOTH]
+        self.scale: Scale | None = None
         self.fixed_scale: Scale | None = None
         self._scene = scene
         self._clock = clock
@@ -83,7 +85,8 @@ class OrganView:
         """
         view = view_named(name)
         if view.quantity != self.view.quantity:
-            self._auto, self._values, self.fixed_scale = AutoScale(self._clock), None, None
+            self._auto, self._values = AutoScale(self._clock), None
+            self.scale = self.fixed_scale = None
         self.view = view
 
     def show(self, frame: TissueFrame) -> None:
@@ -115,7 +118,7 @@ class OrganView:
             return
         self._values, self._colored_at = values, self._clock()
         shown = values[frame.surface.nodes]
-        scale = self.fixed_scale or self._auto.follow(shown)
+        self.scale = scale = self.fixed_scale or self._auto.follow(shown)
         colors = band_colors(self.view.quantity)
         edges = surface_edges(frame.surface)
         parts = contour_bands(edges, shown, scale.levels, colors, UNKNOWN)

@@ -8,6 +8,7 @@ from rcl_interfaces.srv import SetParameters
 
 from tool_input.table.organ_view import OrganView
 from tool_input.table.person import Person
+from tool_input.table.range_controls import RangeControls
 from tool_input.table.scalar_scale import DIFFERENCE
 from tool_input.table.tissue_frame import TissueFrame
 from tool_input.table.views import HEARD, VIEWS
@@ -29,6 +30,7 @@ class ViewPanel:
         names = {view.name.replace("_", " "): view.name for view in VIEWS.values()}
         choice = gui.add_dropdown("View", tuple(names), initial_value=next(iter(names)))
         self._bar = gui.add_html("", visible=False)
+        self._range = RangeControls(person, gui, organ)
         self._missing = gui.add_markdown("", visible=False)
         choice.on_update(person.in_turn(lambda: self._choose(names[choice.value])))
         for shown, name in names.items():
@@ -42,6 +44,7 @@ class ViewPanel:
     def show(self, frame: TissueFrame) -> None:
         """Tell what the colours of a frame mean, and what is missing for them."""
         _tell(self._bar, self._organ.bar)
+        self._range.show()
         _tell(self._missing, self._why_unknown(frame))
 
     def _choose(self, name: str) -> None:
