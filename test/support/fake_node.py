@@ -68,13 +68,6 @@ class FakeClient:
         )
 
 
-class FakeGuard:
-    """Calls at once what it wakes."""
-
-    def __init__(self, callback: Callable[[], None]) -> None:
-        self.trigger = callback
-
-
 class FakeNode:
     """Stands in for an rclpy node.
 
@@ -87,7 +80,15 @@ class FakeNode:
         said: What was logged.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, acts_at_once: bool = True) -> None:
+        """Begin with nothing.
+
+        Args:
+            acts_at_once: Whether a guard condition acts in the thread that triggers it; else `act`
+                does, as an executor would.
+        """
+        self.act: Callable[[], None] = lambda: None
+        self._acts_at_once = acts_at_once
         self.published: list[tuple[str, Any]] = []
         self.asked: list[tuple[str, Any]] = []
         self.answers: dict[str, Any] = {}
@@ -131,8 +132,9 @@ class FakeNode:
     def create_client(self, _type: type, name: str) -> FakeClient:
         return FakeClient(self, name)
 
-    def create_guard_condition(self, callback: Callable[[], None]) -> FakeGuard:
-        return FakeGuard(callback)
+    def create_guard_condition(self, callback: Callable[[], None]) -> SimpleNamespace:
+        self.act = callback
+        return SimpleNamespace(trigger=callback if self._acts_at_once else lambda: None)
 
     def resolve_topic_name(self, topic: str) -> str:
         return topic

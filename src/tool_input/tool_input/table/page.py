@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import socket
+import warnings
 from typing import Any
 
 import viser
@@ -48,6 +49,8 @@ class TablePage:
             ValueError: The page cannot listen there.
         """
         check_host(host)
+        # A window that was lost a moment ago is drawn once more.
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         self._desk = desk
         self._guard = guard or PageGuard(host)
         self._windows: dict[int, Window] = {}
