@@ -20,9 +20,7 @@ from tissue_sim.compare.organ import Organ
 from tissue_sim.compare.subject import Subject
 from tissue_sim.elastic.model import Model, State
 from tissue_sim.elastic.springs import SpringNetwork
-
-EXPLODED = 20.0
-"""A displacement of so many sizes of the organ is not believed."""
+from tissue_sim.kept_state import EXPLODED
 
 QUIET = 64
 """Steps in a row in which nothing moves, after which a model that is not idle counts as at rest:
