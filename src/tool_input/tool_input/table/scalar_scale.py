@@ -24,6 +24,9 @@ DIFFERENCE = "difference"
 SHARE = 0.995
 """Share of the nodes whose values the range has room for: one node at a hold does not set it."""
 
+LEAST_SHARE = 0.05
+"""Values on one side of zero that reach less of the range than this share do not extend it."""
+
 SHRINK_AFTER = 3.0
 """The range shrinks when a smaller one has done for so long [s]."""
 
@@ -68,7 +71,8 @@ class Scale:
             return cls(0.0, scale_top(0.0))
         low, high = np.quantile(known, [1.0 - SHARE, SHARE])
         top = scale_top(max(-low, high))
-        return cls(-top if low < -0.05 * top else 0.0, top if high > 0.05 * top else 0.0)
+        below, above = low < -LEAST_SHARE * top, high > LEAST_SHARE * top
+        return cls(-top if below else 0.0, top if above or not below else 0.0)
 
     def holds(self, other: Scale) -> bool:
         """Whether another range lies within this one."""
