@@ -13,8 +13,9 @@ from tissue_interfaces.msg import Tool, ToolList
 from tissue_interfaces.srv import Cut, SetTool, Undo
 
 from support.fake_node import FakeNode
-from tool_input.table.desk import OBSERVERS_MAY, SERVICES, Desk
+from tool_input.table.desk import Desk
 from tool_input.table.person import Person
+from tool_input.table.requests import OBSERVERS_MAY, SERVICES
 
 
 @pytest.fixture
@@ -128,7 +129,7 @@ def test_requests_wait_for_their_own_service_but_not_for_ever(
     node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
-    monkeypatch.setattr("tool_input.table.desk.time.monotonic", lambda: now)
+    monkeypatch.setattr("tool_input.table.requests.time.monotonic", lambda: now)
     node.missing = {"tissue/cut", "tissue/undo"}
     anna, told = person(desk)
     anna.request("cut", Cut.Request())

@@ -52,6 +52,7 @@ ROS_SIDE = (
     "tool_input/table/person.py",
     "tool_input/table/playback_panel.py",
     "tool_input/table/readout.py",
+    "tool_input/table/requests.py",
     "tool_input/table/tool_size.py",
     "tool_input/table/view_panel.py",
     "tool_input/tool_topics.py",

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
-import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
-from rcl_interfaces.srv import SetParameters
-from rclpy.client import Client
 from rclpy.node import Node
-from std_srvs.srv import SetBool, Trigger
-from tissue_interfaces import msg, srv
+from tissue_interfaces import msg
 
 from tissue_sim import qos
 from tissue_sim.conversions import (
@@ -30,50 +25,11 @@ from tissue_sim.geometry.holes import Hole
 from tissue_sim.hole_messages import hole_from_msg
 from tissue_sim.polled_subscriptions import PolledSubscriptions
 from tissue_sim.replica import Replica
+from tool_input.table.requests import Requests
 from tool_input.table.tissue_frame import NodeValues, Surface, TissueFrame, ToolShown
 
 if TYPE_CHECKING:
     from tool_input.table.person import Person
-
-SERVICES: dict[str, tuple[type, str]] = {
-    "add_patch": (srv.AddPatch, "tissue/add_patch"),
-    "closure": (srv.Closure, "tissue/closure"),
-    "cut": (srv.Cut, "tissue/cut"),
-    "grab": (srv.Grab, "tissue/grab"),
-    "load": (srv.Load, "tissue/load"),
-    "pause": (SetBool, "tissue/pause"),
-    "redo": (srv.Undo, "tissue/redo"),
-    "release": (srv.Release, "tissue/release"),
-    "remove_tool": (srv.RemoveTool, "tissue/remove_tool"),
-    "reset": (Trigger, "tissue/reset"),
-    "reset_readings": (Trigger, "tissue/reset_readings"),
-    "save": (srv.Save, "tissue/save"),
-    "set_model": (srv.SetModel, "tissue/set_model"),
-    "set_playback": (srv.SetPlayback, "tissue/set_playback"),
-    "set_readings": (SetParameters, "readings/set_parameters"),
-    "set_risk_region": (srv.SetRiskRegion, "tissue/set_risk_region"),
-    "set_tool": (srv.SetTool, "tissue/set_tool"),
-    "suture": (srv.Suture, "tissue/suture"),
-    "undo": (srv.Undo, "tissue/undo"),
-}
-"""Everything a person can ask for: service type and name."""
-
-OBSERVERS_MAY = frozenset({"set_readings"})
-"""What those may ask for who only watch: it changes nothing but what everybody sees."""
-
-
-SERVICE_PATIENCE = 5.0
-"""[s] How long a request waits for its service: discovery takes a moment."""
-
-
-class _Waiting(NamedTuple):
-    """A request on its way to its service."""
-
-    until: float
-    person: Person
-    service: str
-    request: Any
-    answered: Callable[[Any], None] | None
 
 
 class Desk:
@@ -115,10 +71,8 @@ class Desk:
         self._scalar: msg.NodeScalar | None = None
         self._difference: msg.TissueState | None = None
         self._surface: tuple[bytes, int, Surface] | None = None
-        self._clients: dict[str, Client] = {}
-        self._numbers = itertools.count(1)
-        self._waiting: list[_Waiting] = []
         self._soon: deque[Callable[[], None]] = deque()
+        self._requests = Requests(node, self.soon)
         self._wake = node.create_guard_condition(self._act)
         self._heard = PolledSubscriptions(node)
         self._listen()
@@ -144,56 +98,15 @@ class Desk:
 
         Args:
             person: Who asks.
-            service: One of `SERVICES`.
+            service: One of `requests.SERVICES`.
             request: The service's request.
             answered: Called in the node's thread with the answer, if that is a success.
         """
-        if person.observer and service not in OBSERVERS_MAY:
-            person.tell(f"Observers cannot ask for {service}: they only watch.")
-            return
-        if hasattr(request, "author"):
-            request.author = person.name
-        if hasattr(request, "request_id"):
-            request.request_id = self.new_id(person)
-        until = time.monotonic() + SERVICE_PATIENCE
-        self._waiting.append(_Waiting(until, person, service, request, answered))
-        self._send()
+        self._requests.ask(person, service, request, answered)
 
     def new_id(self, person: Person) -> str:
         """A request id that no other request has."""
-        return f"{person.name}-{time.time_ns():x}-{next(self._numbers)}"
-
-    def _send(self) -> None:
-        """Send what waits for a service that is there; tell of what has waited for too long."""
-        asked, self._waiting = self._waiting, []
-        for one in asked:
-            client = self._client(one.service)
-            if client.service_is_ready():
-                client.call_async(one.request).add_done_callback(self._finishing(one))
-            elif time.monotonic() > one.until:
-                one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
-            else:
-                self._waiting.append(one)
-
-    def _finishing(self, asked: _Waiting) -> Callable[[Any], None]:
-        return lambda done: self.soon(lambda: self._answer(asked, done.result()))
-
-    def _client(self, service: str) -> Client:
-        if service not in self._clients:
-            kind, name = SERVICES[service]
-            self._clients[service] = self.node.create_client(kind, name)
-        return self._clients[service]
-
-    def _answer(self, asked: _Waiting, answer: Any) -> None:
-        if asked.service == "set_readings":
-            refusals = [result.reason for result in answer.results if not result.successful]
-            success, message = not refusals, "; ".join(refusals)
-        else:
-            success, message = answer.success, answer.message
-        if not success:
-            asked.person.tell(f"{asked.service}: {message}")
-        elif asked.answered is not None:
-            asked.person.attempt(asked.answered, answer)
+        return self._requests.new_id(person)
 
     def _act(self) -> None:
         while self._soon:
@@ -204,7 +117,7 @@ class Desk:
     def hear(self) -> None:
         """Take in what has come since the last call."""
         self._heard.take()
-        self._send()
+        self._requests.send()
 
     def frame(self) -> TissueFrame | None:
         """The newest shape with all that is known of it; None before there is one."""

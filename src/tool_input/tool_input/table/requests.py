@@ -1,0 +1,129 @@
+"""What people ask of the simulation's services, in their names."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+from tissue_interfaces import srv
+
+if TYPE_CHECKING:
+    from tool_input.table.person import Person
+
+SERVICES: dict[str, tuple[type, str]] = {
+    "add_patch": (srv.AddPatch, "tissue/add_patch"),
+    "closure": (srv.Closure, "tissue/closure"),
+    "cut": (srv.Cut, "tissue/cut"),
+    "grab": (srv.Grab, "tissue/grab"),
+    "load": (srv.Load, "tissue/load"),
+    "pause": (SetBool, "tissue/pause"),
+    "redo": (srv.Undo, "tissue/redo"),
+    "release": (srv.Release, "tissue/release"),
+    "remove_tool": (srv.RemoveTool, "tissue/remove_tool"),
+    "reset": (Trigger, "tissue/reset"),
+    "reset_readings": (Trigger, "tissue/reset_readings"),
+    "save": (srv.Save, "tissue/save"),
+    "set_model": (srv.SetModel, "tissue/set_model"),
+    "set_playback": (srv.SetPlayback, "tissue/set_playback"),
+    "set_readings": (SetParameters, "readings/set_parameters"),
+    "set_risk_region": (srv.SetRiskRegion, "tissue/set_risk_region"),
+    "set_tool": (srv.SetTool, "tissue/set_tool"),
+    "suture": (srv.Suture, "tissue/suture"),
+    "undo": (srv.Undo, "tissue/undo"),
+}
+"""Everything a person can ask for: service type and name."""
+
+OBSERVERS_MAY = frozenset({"set_readings"})
+"""What those may ask for who only watch: it changes nothing but what everybody sees."""
+
+
+SERVICE_PATIENCE = 5.0
+"""[s] How long a request waits for its service: discovery takes a moment."""
+
+
+class _Asked(NamedTuple):
+    """A request on its way to its service."""
+
+    until: float
+    person: Person
+    service: str
+    request: Any
+    answered: Callable[[Any], None] | None
+
+
+class Requests:
+    """Everybody's requests on their way: each waits for its own service, but not for ever."""
+
+    def __init__(self, node: Node, soon: Callable[[Callable[[], None]], None]) -> None:
+        """Begin without requests.
+
+        Args:
+            node: The node that asks.
+            soon: Calls something in the node's thread.
+        """
+        self._node = node
+        self._soon = soon
+        self._clients: dict[str, Client] = {}
+        self._numbers = itertools.count(1)
+        self._waiting: list[_Asked] = []
+
+    def ask(
+        self,
+        person: Person,
+        service: str,
+        request: Any,
+        answered: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Ask for something; see `Desk.request`."""
+        if person.observer and service not in OBSERVERS_MAY:
+            person.tell(f"Observers cannot ask for {service}: they only watch.")
+            return
+        if hasattr(request, "author"):
+            request.author = person.name
+        if hasattr(request, "request_id"):
+            request.request_id = self.new_id(person)
+        until = time.monotonic() + SERVICE_PATIENCE
+        self._waiting.append(_Asked(until, person, service, request, answered))
+        self.send()
+
+    def new_id(self, person: Person) -> str:
+        """A request id that no other request has."""
+        return f"{person.name}-{time.time_ns():x}-{next(self._numbers)}"
+
+    def send(self) -> None:
+        """Send what waits for a service that is there; tell of what has waited for too long."""
+        asked, self._waiting = self._waiting, []
+        for one in asked:
+            client = self._client(one.service)
+            if client.service_is_ready():
+                client.call_async(one.request).add_done_callback(self._finishing(one))
+            elif time.monotonic() > one.until:
+                one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
+            else:
+                self._waiting.append(one)
+
+    def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
+        return lambda done: self._soon(lambda: self._answer(asked, done.result()))
+
+    def _client(self, service: str) -> Client:
+        if service not in self._clients:
+            kind, name = SERVICES[service]
+            self._clients[service] = self._node.create_client(kind, name)
+        return self._clients[service]
+
+    def _answer(self, asked: _Asked, answer: Any) -> None:
+        if asked.service == "set_readings":
+            refusals = [result.reason for result in answer.results if not result.successful]
+            success, message = not refusals, "; ".join(refusals)
+        else:
+            success, message = answer.success, answer.message
+        if not success:
+            asked.person.tell(f"{asked.service}: {message}")
+        elif asked.answered is not None:
+            asked.person.attempt(asked.answered, answer)
