@@ -54,7 +54,8 @@ def test_bands_cover_a_surface_once_and_hold_their_values() -> None:
     ends = [-np.inf, *LEVELS, np.inf]
     for part, low, high in zip(parts[:-1], ends[:-1], ends[1:], strict=True):
         at = values[part.first] + part.weights * (values[part.second] - values[part.first])
-        assert at.min() >= low - 1e-6 and at.max() <= high + 1e-6
+        assert at.min() >= low - 1e-6
+        assert at.max() <= high + 1e-6
         assert np.array_equal(np.unique(part.triangles), np.arange(len(part.first)))
 
 
@@ -81,7 +82,7 @@ def test_bands_move_with_the_tissue() -> None:
 
 
 def test_triangles_with_an_unknown_corner_are_a_part_of_their_own() -> None:
-    mesh, surface = shell()
+    _, surface = shell()
     values = np.linspace(-1.0, 1.0, len(surface.nodes))
     values[17] = np.nan
     parts = contour_bands(surface, values, LEVELS, COLORS, UNKNOWN)
