@@ -12,7 +12,7 @@ from tissue_interfaces.msg import Playback
 from tissue_interfaces.srv import SetPlayback
 
 from tissue_sim import conversions, qos
-from tissue_sim.playback.played import (
+from tissue_sim.playback.changes import (
     LOOP,
     PAUSE,
     RATE,
@@ -20,9 +20,8 @@ from tissue_sim.playback.played import (
     SEEK,
     SET_PLAYBACK,
     TAKE_OVER,
-    PlaybackState,
-    PlayedSimulation,
 )
+from tissue_sim.playback.played import PlaybackState, PlayedSimulation
 from tissue_sim.simulation_services import SimulationServices
 
 LOOK = 0.05

@@ -51,7 +51,7 @@ def status_line(client: PlaybackClient, coarse: bool = False) -> str:
     if told is None:
         return "loading"
     if told.branch:
-        return f"live since {told.branch_frame} frames: {', '.join(told.taken_over)} taken over"
+        return f"live after frame {told.branch_frame}: {', '.join(told.taken_over)} taken over"
     if status is not None and status.request == "seek":
         return f"on the way: {status.progress:.0%}"
     time = client.time

@@ -4,42 +4,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from tissue_sim.frame import Answer, AppliedEdit, Command, Frame, JournalEntry
+from tissue_sim.frame import AppliedEdit, Command, Frame, JournalEntry
 from tissue_sim.interaction.tracker import ToolLimits, ToolTracker
 from tissue_sim.live import LiveSimulation
 from tissue_sim.playback.branch import Branch
-from tissue_sim.playback.clock import PlaybackClock, checked_rate
+from tissue_sim.playback.changes import SEEK, SET_PLAYBACK, answer_change
+from tissue_sim.playback.clock import PlaybackClock
 from tissue_sim.playback.player import Player
 from tissue_sim.requests import Request, refuse
 from tissue_sim.simulation import Simulation
 
-SET_PLAYBACK = "set_playback"
-"""Kind of requests that change how the recording is played."""
-
-PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER = (
-    "pause", "resume", "seek", "rate", "loop", "take_over",
-)  # fmt: skip
-
 WATCHED = "a recording is played: take over its tools first"
-
-
-class PlaybackError(ValueError):
-    """A change of the playing that is not possible.
-
-    Attributes:
-        code: Name of the error in the service's constants.
-    """
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
 
 
 @dataclass(frozen=True)
@@ -256,7 +238,7 @@ class PlayedSimulation(LiveSimulation):
 
     def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
         if request.kind == SET_PLAYBACK:
-            self._change(request)
+            answer_change(self, request)
         elif self.branch is None:
             refuse(request, "BUSY", WATCHED)
         elif self._is_somebody_elses(request):
@@ -273,74 +255,3 @@ class PlayedSimulation(LiveSimulation):
         if request.kind == "set_tool":
             self.branch.own.add(tool)
         return False
-
-    def _change(self, request: Request) -> None:
-        arguments = request.arguments
-        try:
-            message = self.change(
-                str(arguments["what"]), float(arguments["value"]), tuple(arguments["tools"])
-            )
-        except PlaybackError as error:
-            refuse(request, error.code, str(error))
-        except ValueError as error:
-            refuse(request, "INVALID", str(error))
-        else:
-            request.done(Answer(request.request_id, True, message))
-
-    def change(self, what: str, value: float = 0.0, tools: Sequence[str] = ()) -> str:
-        """Change how the recording is played; says what was done. Nothing happens on an error.
-
-        Args:
-            what: PAUSE, RESUME, SEEK, RATE, LOOP or TAKE_OVER.
-            value: Time [s], rate, or whether to loop.
-            tools: Tools to take over; none: all.
-
-        Raises:
-            PlaybackError: It is unknown, a tool is not there, or people have taken over.
-            ValueError: The value is not allowed.
-        """
-        if what == TAKE_OVER:
-            return self._take_over(tools)
-        if self.branch is not None:
-            raise PlaybackError(
-                "BRANCHED",
-                f"people took over after frame {self.branch.frame}: there is no way back to the "
-                "recording; tissue/pause pauses the simulation",
-            )
-        if what == PAUSE:
-            self.clock.paused = True
-            return "paused"
-        if what == RESUME:
-            if self.player.over:
-                self.player.seek(1)
-            self.clock.paused = False
-            return "playing"
-        if what == SEEK:
-            self.player.seek(self.player.recording.frame_at(value))
-            return f"going to {value:g} s"
-        if what == RATE:
-            self.clock.rate = checked_rate(value)
-            return f"rate {value:g}"
-        if what == LOOP:
-            self.clock.looping = bool(value)
-            return "looping" if self.clock.looping else "not looping"
-        allowed = ", ".join((PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER))
-        raise PlaybackError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
-
-    def _take_over(self, tools: Sequence[str]) -> str:
-        there, taken = self.simulation.tools, self.branch.taken if self.branch else set()
-        unknown = [tool for tool in tools if tool not in there]
-        if unknown:
-            known = ", ".join(there) or "none"
-            raise PlaybackError("UNKNOWN_TOOL", f"there is no tool {unknown[0]!r}; tools: {known}")
-        wanted = set(tools) or set(there) - taken
-        twice = ", ".join(sorted(wanted & taken)) or ("every tool" if self.branch else "")
-        if wanted & taken or (self.branch and not wanted):
-            raise PlaybackError("INVALID", f"{twice} is taken over already")
-        if self.player.target:
-            raise PlaybackError("INVALID", "the time sought is not reached yet")
-        if self.branch is None:
-            self.clock.paused, self.clock.rate = False, 1.0
-            self.branch = Branch(self.simulation.epoch.hex(), self.simulation.frame)
-        self.branch.taken |= wanted
-        return f"taken over: {', '.join(sorted(wanted)) or 'no tool'}"

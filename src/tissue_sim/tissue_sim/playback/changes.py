@@ -1,0 +1,115 @@
+"""What people may change about how a recording is played."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from tissue_sim.frame import Answer
+from tissue_sim.playback.branch import Branch
+from tissue_sim.playback.clock import checked_rate
+from tissue_sim.requests import Request, refuse
+
+if TYPE_CHECKING:
+    from tissue_sim.playback.played import PlayedSimulation
+
+SET_PLAYBACK = "set_playback"
+"""Kind of requests that change how a recording is played."""
+
+PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER = CHANGES = (
+    "pause", "resume", "seek", "rate", "loop", "take_over",
+)  # fmt: skip
+
+
+class PlaybackError(ValueError):
+    """A change that is not possible.
+
+    Attributes:
+        code: Name of the error in the service's constants.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def answer_change(played: PlayedSimulation, request: Request) -> None:
+    """Carry out a request of the kind SET_PLAYBACK, or refuse it, and answer."""
+    arguments = request.arguments
+    try:
+        message = change(
+            played, str(arguments["what"]), float(arguments["value"]), tuple(arguments["tools"])
+        )
+    except PlaybackError as error:
+        refuse(request, error.code, str(error))
+    except ValueError as error:
+        refuse(request, "INVALID", str(error))
+    else:
+        request.done(Answer(request.request_id, True, message))
+
+
+def change(
+    played: PlayedSimulation, what: str, value: float = 0.0, tools: Sequence[str] = ()
+) -> str:
+    """Change how a recording is played; says what was done. Nothing happens on an error.
+
+    Args:
+        played: What plays it.
+        what: One of CHANGES.
+        value: Time [s], rate, or whether to loop.
+        tools: Tools to take over; none: all.
+
+    Raises:
+        PlaybackError: It is unknown, a tool is not there, or people have taken over.
+        ValueError: The value is not allowed.
+    """
+    player, clock = played.player, played.clock
+    if what == TAKE_OVER:
+        return _take_over(played, tools)
+    if played.branch is not None:
+        raise PlaybackError(
+            "BRANCHED",
+            f"people took over after frame {played.branch.frame}: there is no way back to the "
+            "recording; tissue/pause pauses the simulation",
+        )
+    if what == PAUSE:
+        clock.paused = True
+        return "paused"
+    if what == RESUME:
+        if player.over:
+            player.seek(1)
+        clock.paused = False
+        return "playing"
+    if what == SEEK:
+        player.seek(player.recording.frame_at(value))
+        return f"going to {value:g} s"
+    if what == RATE:
+        clock.rate = checked_rate(value)
+        return f"rate {value:g}"
+    if what == LOOP:
+        clock.looping = bool(value)
+        return "looping" if clock.looping else "not looping"
+    allowed = ", ".join(CHANGES)
+    raise PlaybackError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
+
+
+def _take_over(played: PlayedSimulation, tools: Sequence[str]) -> str:
+    there = played.simulation.tools
+    taken = played.branch.taken if played.branch is not None else set()
+    unknown = [tool for tool in tools if tool not in there]
+    if unknown:
+        known = ", ".join(there) or "none"
+        raise PlaybackError("UNKNOWN_TOOL", f"there is no tool {unknown[0]!r}; tools: {known}")
+    twice = sorted(set(tools) & taken)
+    if twice:
+        raise PlaybackError("INVALID", f"{', '.join(twice)} is taken over already")
+    wanted = set(tools) or set(there) - taken
+    if played.branch is not None and not wanted:
+        raise PlaybackError("INVALID", "every tool is taken over already")
+    if played.player.target:
+        raise PlaybackError("INVALID", "the time sought is not reached yet; wait for it")
+    if played.branch is None:
+        played.clock.paused, played.clock.rate = False, 1.0
+        played.branch = Branch(played.simulation.epoch.hex(), played.simulation.frame)
+    played.branch.taken |= wanted
+    return f"taken over: {', '.join(sorted(wanted)) or 'no tool'}"
