@@ -29,6 +29,9 @@ POSE_IN = _profile(1000, ReliabilityPolicy.BEST_EFFORT)
 pose of a frame is used; the queue holds all that come in one, so that none is lost, uncounted or
 unchecked."""
 
+NEWEST_POSE_IN = _profile(1, ReliabilityPolicy.BEST_EFFORT)
+"""An arm's measured_cp for who needs the newest only, and must not fall behind when it is late."""
+
 MEASURED = _profile(1)
 """tools/<tool>/measured_cp, measured_cf and contact_model."""
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tissue_sim.interaction import rigid
 from tool_input.motion import Pose
 from tool_input.workspace import Workspace
 
@@ -47,7 +48,9 @@ class ArmMapping:
         self._base = base
         self._workspace = workspace
         self._shift = np.zeros(3)
-        self._turn = Rotation.identity()
+        self._turn = rigid.IDENTITY[3:]
+        self._axes = base.scale * base.rotation.as_matrix()
+        self._quaternion = base.rotation.as_quat()
         self._clutched = False
         self._tool: Pose | None = None
         self._arm: Pose | None = None
@@ -60,7 +63,7 @@ class ArmMapping:
         position = self._position(arm) + self._shift
         if self._workspace is not None:
             position = self._workspace.nearest(position)
-        self._tool = Pose(position, (self._rotation(arm) * self._turn).as_quat())
+        self._tool = Pose(position, rigid.multiply(self._rotation(arm), self._turn))
         return self._tool
 
     @property
@@ -70,22 +73,23 @@ class ArmMapping:
 
     def hand_pose(self, arm: Pose) -> Pose:
         """The hand in the organ frame, in the tool's metres, whatever clutch and workspace do."""
-        return Pose(self._position(arm), self._rotation(arm).as_quat())
+        return Pose(self._position(arm), self._rotation(arm))
 
     def clutch(self, pressed: bool) -> None:
         """Take the arm off the tool, or put it back on."""
         if self._clutched and not pressed and self._tool is not None and self._arm is not None:
             self._shift = self._tool.position - self._position(self._arm)
             # On the right: a turn of the hand about an axis of the room turns the tool about it.
-            self._turn = self._rotation(self._arm).inv() * Rotation.from_quat(self._tool.quaternion)
+            back = rigid.conjugate(self._rotation(self._arm))
+            self._turn = rigid.multiply(back, self._tool.quaternion)
         self._clutched = pressed
 
     def _position(self, arm: Pose) -> NDArray[np.float64]:
-        way = self._base.scale * (np.asarray(arm.position) - self._base.arm_origin)
-        return np.asarray(self._base.position + self._base.rotation.apply(way))
+        way = np.asarray(arm.position) - self._base.arm_origin
+        return np.asarray(self._base.position + self._axes @ way)
 
-    def _rotation(self, arm: Pose) -> Rotation:
-        return self._base.rotation * Rotation.from_quat(arm.quaternion)
+    def _rotation(self, arm: Pose) -> NDArray[np.float64]:
+        return rigid.multiply(self._quaternion, arm.quaternion)
 
 
 class JawSwitch:

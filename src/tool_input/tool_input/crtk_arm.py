@@ -10,6 +10,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
@@ -42,6 +43,7 @@ class CrtkArm:
         subscribe: Subscribe,
         on_pose: Callable[[Pose, Time], None],
         on_use: Callable[[bool], None],
+        poses: QoSProfile = qos.POSE_IN,
     ) -> None:
         """Subscribe to the arm.
 
@@ -51,6 +53,7 @@ class CrtkArm:
             subscribe: Makes a subscription.
             on_pose: Called with each pose of the tool and its stamp.
             on_use: Called when the jaw begins or ends to use the tool.
+            poses: Quality of service of the arm's poses.
 
         Raises:
             ValueError: A parameter is not allowed.
@@ -64,7 +67,7 @@ class CrtkArm:
         self._tell_pose, self._tell_use = on_pose, on_use
         arm = values["arm"]
         self.watch = InputWatch(f"{arm}/measured_cp", values["input_timeout"])
-        subscribe(PoseStamped, f"{arm}/measured_cp", self._on_pose, qos.POSE_IN)
+        subscribe(PoseStamped, f"{arm}/measured_cp", self._on_pose, poses)
         subscribe(JointState, f"{arm}/jaw/measured_js", self._on_jaw, qos.POSE_IN)
         if values["clutch_topic"]:
             kind = Bool if values["clutch_type"] == BOOL else Joy

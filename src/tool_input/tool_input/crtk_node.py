@@ -33,6 +33,7 @@ class CrtkNode(Node):
         if not self._heard and self._topics.listeners:
             self._heard = True
             self.get_logger().info(f"somebody listens to tools/{self._topics.tool}")
+        self._topics.tell_newcomers()
         self._arm.look()
         self._diagnostics.publish_when_due([self._arm.watch.finding()])
 

@@ -56,7 +56,11 @@ class HapticNode(Node):
         if values["pose_hz"] > 0.0:
             self._topics = ToolTopics(self, values["tool"], values["frame_id"])
         self._told_at = self._heard_at = -np.inf
-        self._arm = CrtkArm(self, values, self._listen, self._on_pose, self._on_use)
+        self._tool: NDArray[np.float64] | None = None
+        self._hand: NDArray[np.float64] | None = None
+        self._arm = CrtkArm(
+            self, values, self._listen, self._on_pose, self._on_use, qos.NEWEST_POSE_IN
+        )
         tool = values["tool"]
         self._listen(ContactModel, f"tools/{tool}/contact_model", self._on_model, qos.MEASURED)
         self._listen(ToolList, "tissue/tools", self._on_tools, qos.LATCHED)
@@ -107,11 +111,9 @@ class HapticNode(Node):
 
     def _tick(self, now: float) -> None:
         self._heard.take()
-        arm, tool = self._arm.pose, self._arm.tool
-        if arm is None or tool is None:
+        if self._tool is None or self._hand is None:
             return
-        hand = self._arm.mapping.hand_pose(arm)
-        wrench = self._loop.step(now, _values(tool), _values(hand), self._withheld(now))
+        wrench = self._loop.step(now, self._tool, self._hand, self._withheld(now))
         self._publish(self._force.at_arm(wrench), self._arm.stamp)
 
     def _withheld(self, now: float) -> str:
@@ -129,6 +131,9 @@ class HapticNode(Node):
 
     def _on_pose(self, pose: Pose, stamp: Time) -> None:
         self._heard_at = time.perf_counter()
+        self._tool = _values(pose)
+        if self._arm.pose is not None:
+            self._hand = _values(self._arm.mapping.hand_pose(self._arm.pose))
         # A share of the period earlier, so that poses in step with it are not told half as often.
         if self._topics and self._heard_at - self._told_at > 0.9 / self._values["pose_hz"]:
             self._told_at = self._heard_at
@@ -162,6 +167,8 @@ class HapticNode(Node):
     # The executor's thread
 
     def _look(self) -> None:
+        if self._topics:
+            self._topics.tell_newcomers()
         self._arm.look()
         findings = self._account.findings(time.perf_counter(), self._loop)
         self._diagnostics.publish_when_due([self._arm.watch.finding(), *findings])

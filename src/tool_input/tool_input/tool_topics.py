@@ -43,6 +43,8 @@ class ToolTopics:
         self._clock = node.get_clock()
         self._frame_id = frame_id
         self._poses = node.create_publisher(PoseStamped, f"tools/{tool}/servo_cp", qos.POSE)
+        self._pressed: bool | None = None
+        self._told = 0
         self._uses = node.create_publisher(Bool, f"tools/{tool}/use", qos.USE)
 
     @property
@@ -60,7 +62,14 @@ class ToolTopics:
 
     def use(self, pressed: bool) -> None:
         """Publish whether the tool is pressed."""
-        self._uses.publish(Bool(data=bool(pressed)))
+        self._pressed = bool(pressed)
+        self._uses.publish(Bool(data=self._pressed))
+
+    def tell_newcomers(self) -> None:
+        """Publish the level of use again to those who have begun to listen since the last time."""
+        before, self._told = self._told, self._uses.get_subscription_count()
+        if self._told > before and self._pressed is not None:
+            self.use(self._pressed)
 
     def close(self) -> None:
         """Publish no more: the tool has room for another source."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,5 +84,5 @@ class ForceLimiter:
 
 def shortened(vector: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
     """The vector, or one of the longest length allowed in its direction."""
-    length = float(np.linalg.norm(vector))
+    length = math.sqrt(vector.dot(vector))
     return vector if length <= longest else vector * (longest / length)

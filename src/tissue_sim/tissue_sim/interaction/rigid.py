@@ -98,7 +98,7 @@ def from_matrix(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def rotation_vector(q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Axis times angle [rad] of a unit quaternion, by the shorter way round, shape (3,)."""
-    sine = float(np.linalg.norm(q[:3]))
+    sine = math.sqrt(q[:3].dot(q[:3]))
     if sine < 1e-12:
         vector: NDArray[np.float64] = 2.0 * q[:3] * (1.0 if q[3] >= 0.0 else -1.0)
         return vector

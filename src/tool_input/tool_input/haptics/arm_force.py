@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +35,14 @@ class ArmForce:
 
     def at_arm(self, wrench: NDArray[np.float64]) -> NDArray[np.float64]:
         """A wrench on the tool, in the organ's axes, as one on the arm, shape (6,)."""
-        back = self.base.rotation.inv()
-        return np.concatenate(
-            [
-                self.force_scale * back.apply(wrench[:3]),
-                self.torque_scale * back.apply(wrench[3:]),
-            ]
-        )
+        parts = wrench.reshape(2, 3) @ self._rotation
+        parts *= ((self.force_scale,), (self.torque_scale,))
+        return parts.reshape(6)
+
+    @cached_property
+    def _rotation(self) -> NDArray[np.float64]:
+        rotation: NDArray[np.float64] = self.base.rotation.as_matrix()
+        return rotation
 
     def on_tool(self, limits: ForceLimits) -> ForceLimits:
         """The arm's limits as limits of the wrench on the tool."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,7 +119,9 @@ class ContactLoop:
         self.passivity.observe(self.wrench, motion)
         smooth = 1.0 / (VELOCITY_SECONDS + seconds)
         self._hand_velocity += smooth * (motion - seconds * self._hand_velocity)
-        way = rigid.motion(self._tool, tool)
+        # A hand on its tool moves as that does.
+        together = tool is hand and self._tool is self._hand
+        way = motion if together else rigid.motion(self._tool, tool)
         self._tool_velocity += smooth * (way - seconds * self._tool_velocity)
         self._now, self._tool, self._hand = now, tool, hand
         wanted = self._wanted(now)
@@ -153,7 +156,7 @@ class ContactLoop:
         wrench = model.wrench_at(motion, self._tool_velocity)
         if self.pushes_only:
             wrench = pushing(wrench, model.wrench)
-        far = float(np.linalg.norm(motion[:3])) / max(model.reach, 1e-9)
+        far = math.sqrt(motion[:3].dot(motion[:3])) / max(model.reach, 1e-9)
         return wrench * min(max(2.0 - far, 0.0), 1.0)
 
     def _fade(self, now: float, seconds: float, withheld: str) -> None:
@@ -203,10 +206,11 @@ def pushing(wrench: Reals, reference: Reals) -> Reals:
         wrench: That a linear model gives, shape (6,).
         reference: The wrench where it was found, shape (6,).
     """
-    size = float(np.linalg.norm(reference[:3]))
+    force = reference[:3]
+    size = math.sqrt(force.dot(force))
     if size == 0.0:
         return wrench
-    along = reference[:3] / size
+    along = force / size
     push = float(wrench[:3] @ along)
     if push >= size:
         return wrench
