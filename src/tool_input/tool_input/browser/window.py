@@ -17,7 +17,7 @@ from tool_input.browser.camera import Camera
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Response
 
-SIZE = (960, 420)
+SIZE = (1100, 420)
 """Width and height of a window [pixels]: the panel leaves room for the organ beside it."""
 PATIENCE = 120.0
 """Longest wait for what the page has to show or to say [s]."""

@@ -26,6 +26,9 @@ not late."""
 EYE = (1.1, -2.2, 1.5)
 """Where everybody looks from at first, in the page's units: at the organ, which is 2 large."""
 
+FIELD_OF_VIEW = 0.87
+"""From the window's lower to its upper edge [rad]: from there the organ fills most of it."""
+
 
 class TablePage:
     """A server of windows, one for everybody who opens its address."""
@@ -61,6 +64,7 @@ class TablePage:
             )
             self._server.gui.configure_theme(dark_mode=True, show_share_button=False)
             self._server.initial_camera.position = EYE
+            self._server.initial_camera.fov = FIELD_OF_VIEW
             self._server.on_client_connect(self._came)
             self._server.on_client_disconnect(self._went)
 

@@ -47,8 +47,8 @@ class PageScene:
 
     @property
     def organ_size(self) -> float:
-        """The organ's largest extent at rest [m]."""
-        return ORGAN_SIZE / self.placement.scale
+        """The organ's largest extent at rest [m], to two digits: sizes of tools follow from it."""
+        return float(f"{ORGAN_SIZE / self.placement.scale:.2g}")
 
     def to_page(self, points: ArrayLike) -> NDArray[np.float32]:
         """Points of the organ [m], shape (..., 3), in the page's units."""
