@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import viser
@@ -35,14 +35,16 @@ class Command:
         return "+".join("Ctrl" if part == "cmd/ctrl" else part.capitalize() for part in parts)
 
 
-def add_command(gui: viser.GuiApi, person: Person, command: Command) -> viser.GuiButtonHandle:
-    """Add a button, an entry of the command palette and its key to a window."""
-    hint = f"{command.help} ({command.keys})" if command.key else command.help
-    button = gui.add_button(command.name, hint=hint)
-    button.on_click(person.in_turn(command.act))
-    entry = gui.add_command(
-        command.name, description=command.help, hotkey=command.key or None,
-        modifier=command.modifier or None,
-    )  # fmt: skip
-    entry.on_trigger(person.in_turn(command.act))
-    return button
+def add_commands(
+    gui: viser.GuiApi, person: Person, label: str, commands: Sequence[Command]
+) -> None:
+    """Add a row of buttons to a window, and each to its command palette, with its key."""
+    by_name = {command.name: command for command in commands}
+    buttons = gui.add_button_group(label, tuple(by_name))
+    buttons.on_click(person.in_turn(lambda: by_name[buttons.value].act()))
+    for command in commands:
+        entry = gui.add_command(
+            command.name, description=command.help, hotkey=command.key or None,
+            modifier=command.modifier or None,
+        )  # fmt: skip
+        entry.on_trigger(person.in_turn(command.act))

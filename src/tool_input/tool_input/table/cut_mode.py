@@ -28,8 +28,9 @@ class CutMode:
     name = "cut"
     key = "C"
     help = (
-        "Draw a line on the tissue: the blue sheet shows what is cut, along your view. To cut a "
-        "piece off, draw from edge to edge, or all around it."
+        "Draw a line on the tissue: it is cut along your view, through the wall or to a depth. To "
+        "cut a piece off, draw from edge to edge or all around it. Without *Cut when drawn* a blue "
+        "sheet shows first what would be cut: turn the view to see it, best as wireframe."
     )
 
     def __init__(self, person: Person, scene: PageScene) -> None:

@@ -9,7 +9,7 @@ from tissue_interfaces.srv import Undo
 
 from tissue_sim.geometry.edit import REDO, UNDO, TopologyEdit
 from tissue_sim.undo_client import stroke_of
-from tool_input.table.commands import Command, add_command
+from tool_input.table.commands import Command, add_commands
 from tool_input.table.edit_stack import made_by, next_edits
 from tool_input.table.person import Person
 
@@ -39,8 +39,7 @@ class Panel:
             Command("Pause", "Stops time for everybody, and lets it go on.", self._pause, "P"),
             Command("Reset", "Puts the organ back to its start, for everybody.", self._ask_reset),
         )  # fmt: skip
-        for command in self.commands:
-            add_command(gui, person, command)
+        add_commands(gui, person, "Session", self.commands)
 
     def _undo(self) -> None:
         self._revert(UNDO)

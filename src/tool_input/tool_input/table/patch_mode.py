@@ -59,9 +59,13 @@ class PatchMode:
             return
         if drag.hit is not None:
             self._line.append(drag.hit)
-        if drag.phase != END and np.array_equal(drag.point, drag.start):
-            return
-        corners = np.array(self._line) if self._shape == HOLE else self._outline(drag)
+        try:
+            corners = np.array(self._line) if self._shape == HOLE else self._outline(drag)
+        except ValueError:
+            if drag.phase != END:
+                return
+            self._forget()
+            raise
         if drag.phase == END:
             self._forget()
             if self._shape == HOLE:
@@ -121,7 +125,10 @@ class PatchMode:
         end, normal = drag.point, self._normal
         if hit is not None:
             end, normal = hit.point, normal + hit.normal
-        return outline(self._shape, drag.start, end, normal, self._width, self._sight.positions)
+        return outline(
+            self._shape, drag.start, end, normal, self._width, self._sight.positions,
+            0.5 * self._thickness,
+        )  # fmt: skip
 
     def _lay(self, corners: NDArray[np.float64]) -> None:
         request = AddPatch.Request(

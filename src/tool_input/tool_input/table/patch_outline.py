@@ -15,7 +15,13 @@ _SMALLEST = 1e-3
 
 
 def outline(
-    shape: str, first: Vec3, second: Vec3, normal: Vec3, width: float, tissue: NDArray[np.floating]
+    shape: str,
+    first: Vec3,
+    second: Vec3,
+    normal: Vec3,
+    width: float,
+    tissue: NDArray[np.floating],
+    above: float,
 ) -> NDArray[np.float64]:
     """Corners of a flat patch that lies on tissue from one point to another.
 
@@ -27,6 +33,7 @@ def outline(
         width: Of the patch across that, as a share of its length.
         tissue: Points of the tissue's surface [m], shape (n, 3). The patch is raised to the highest
             of those under it, since it would lie in the tissue where that is vaulted.
+        above: How far it is raised above that [m]: half of its thickness.
 
     Returns:
         Shape (k, 3), counterclockwise about the normal.
@@ -55,5 +62,5 @@ def outline(
     else:
         corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         under = near & (np.abs(flat) <= 1.0).all(axis=1)
-    height = float(local[under, 2].max(initial=0.0))
+    height = float(local[under, 2].max(initial=0.0)) + above
     return 0.5 * (first + second) + height * z + (corners * sides) @ axes[:2]

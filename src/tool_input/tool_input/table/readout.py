@@ -74,11 +74,14 @@ def told(status: Any, readings: Any, holes: Any) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value with three digits and a prefix, such as "12.3 kPa"."""
+    """A value with three digits and a prefix, such as "12.3 kPa"; no mPa, which reads as MPa."""
     if not unit:
         return f"{value:.3g}"
     size = abs(value)
-    scale, prefix = next((known for known in _PREFIXES if size >= known[0]), (1.0, ""))
+    known = _PREFIXES[:4] if unit == "Pa" else _PREFIXES
+    scale, prefix = next((one for one in known if size >= one[0]), known[-1])
+    if size == 0.0:
+        scale, prefix = 1.0, ""
     return f"{value / scale:.3g} {prefix}{unit}"
 
 
@@ -95,7 +98,7 @@ def _warning(warning: RiskWarning) -> str:
 def _reading(reading: Reading) -> str:
     name = reading.name.replace("_", " ")
     peak, highest = (quantity(value, reading.unit) for value in (reading.peak, reading.highest))
-    return f"{name}: peak {peak} (highest {highest})"
+    return f"{name}: {peak}, highest {highest}"
 
 
 def _hole(hole: Hole) -> str:
