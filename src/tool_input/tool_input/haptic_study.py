@@ -19,6 +19,7 @@ from tissue_sim.scene_file import find_scene
 from tissue_sim.whole_files import write_json
 from tool_input.haptics.bounce import RENDERINGS, Wall, restitution
 from tool_input.haptics.live_session import measure
+from tool_input.haptics.model_cost import model_costs
 
 TOWARDS = {"wall": (0.0, 0.0, -1.0), "heart": (-1.0, 0.0, 0.0)}
 """How each organ is pressed: the wall from above, the heart from the front."""
@@ -40,6 +41,15 @@ def stability() -> list[dict[str, Any]]:
         for damping in DAMPING
         for delay in DELAY
     ]  # fmt: skip
+
+
+def costs(scenes: list[str]) -> list[dict[str, Any]]:
+    """What a contact model costs the simulation of each scene."""
+    return [
+        {"scene": scene, **row}
+        for scene in scenes
+        for row in model_costs(find_scene(scene), np.array(TOWARDS[scene]))
+    ]
 
 
 def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, Any]]:
@@ -82,6 +92,13 @@ def print_tables(result: dict[str, Any], console: Console) -> None:
                 row["tissue_sim: loop"]["achieved_rate_hz"],
             )  # fmt: skip
         console.print(table)
+    table = Table(title="what a contact model costs the simulation")
+    for head in ("scene", "contact", "nodes", "time"):
+        table.add_column(head, justify="right")
+    for row in result["models"]:
+        time = f"{row['model_us']:.0f} us"
+        table.add_row(row["scene"], row["kind"], str(row["nodes"]), time)
+    console.print(table)
     table = Table(title="speed of a mass after its bounce over that before (no damping)")
     table.add_column("stiffness, delay")
     for rendering in RENDERINGS:
@@ -108,7 +125,12 @@ def main() -> None:
     if not chosen.no_live:
         console.print(f"ROS domain {choose_domain()}")
         rows = live(chosen.scene or list(TOWARDS), chosen.seconds, console)
-    result = {"machine": machine(), "live": rows, "stability": stability()}
+    result = {
+        "machine": machine(),
+        "live": rows,
+        "models": costs(chosen.scene or list(TOWARDS)),
+        "stability": stability(),
+    }
     if chosen.out is not None:
         chosen.out.parent.mkdir(parents=True, exist_ok=True)
         write_json(chosen.out, result)

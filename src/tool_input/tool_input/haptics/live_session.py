@@ -20,14 +20,12 @@ from numpy.typing import NDArray
 from rclpy.context import Context
 
 from tissue_sim import qos
-from tissue_sim.geometry import scene_geometry
 from tissue_sim.polled_subscriptions import PolledSubscriptions
 from tissue_sim.scene_file import SceneFile
+from tool_input.haptics.model_cost import DEEP, RADIUS, mesh_of, outermost
 
-RADIUS = 0.008
-"""Of the probe [m]."""
-CLEAR, DEEP = 0.004, 0.003
-"""How far from the tissue it begins, and how deep it goes [m]."""
+CLEAR = 0.004
+"""How far from the tissue the probe begins [m]."""
 PATIENCE = 300.0
 """Longest wait for the simulation: kernels may have to be compiled [s]."""
 END_SECONDS = 20.0
@@ -49,7 +47,7 @@ def measure(
     Raises:
         TimeoutError: The simulation or the force did not come.
     """
-    start = outermost(scene, towards) - (RADIUS + CLEAR) * towards
+    start = outermost(mesh_of(scene), towards) - (RADIUS + CLEAR) * towards
     tools = [*scene.simulation["tools"], TOOL]
     finger = {
         f"tool.{TOOL}.kind": "probe", f"tool.{TOOL}.size": [RADIUS],
@@ -84,27 +82,6 @@ def measure(
                 process.wait(timeout=END_SECONDS)
             measured: dict[str, Any] = json.loads((out / "arm.json").read_text())
     return {"rate_hz": rate_hz, "arm_hz": arm_hz, **measured, **findings}
-
-
-def outermost(scene: SceneFile, towards: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Place of the node that a tool which comes from far along an axis meets first [m], shape (3,).
-
-    Of those within 2 mm the one that is nearest to the middle.
-    """
-    values = scene.simulation
-    shape = {
-        name.removeprefix("shape."): value
-        for name, value in values.items()
-        if name.startswith("shape.")
-    }
-    mesh = scene_geometry.load(values["geometry"], parameters=shape).mesh
-    places = mesh.rest[: mesh.node_rows]
-    far = places @ towards
-    first = np.flatnonzero(far < far.min() + 0.002)
-    across = places[first] - places.mean(axis=0)
-    across -= (across @ towards)[:, None] * towards
-    place: NDArray[np.float64] = places[first[np.argmin(np.linalg.norm(across, axis=1))]]
-    return place
 
 
 def _message(heard: dict[str, Any], name: str) -> str:
