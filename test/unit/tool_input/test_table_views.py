@@ -152,9 +152,11 @@ def test_the_difference_has_the_colours_of_the_projects_pictures() -> None:
     assert band_colors("strain") != band_colors(DIFFERENCE)
 
 
-def test_colours_get_brighter_with_the_value() -> None:
-    luminance = np.array(band_colors("von_mises_stress")) @ [0.2126, 0.7152, 0.0722]
-    assert (np.diff(luminance) > 0).all()
+@pytest.mark.parametrize("quantity", ["von_mises_stress", DIFFERENCE])
+def test_colours_get_darker_with_the_value_and_stay_apart_from_the_dark_page(quantity: str) -> None:
+    luminance = np.array(band_colors(quantity)) @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(luminance) < 0).all()
+    assert luminance[-1] > 20
 
 
 # The bar

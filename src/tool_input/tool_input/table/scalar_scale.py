@@ -17,8 +17,9 @@ from viz_bridge.picture_grid import COLORS
 __all__ = ["BANDS", "UNKNOWN", "AutoScale", "Scale", "band_colors"]
 
 BANDS = 10
-EVEN_MAP = "viridis"
-"""Colour map of quantities: equal steps look equal, also to those who confuse red and green."""
+EVEN_MAP, EVEN_STEPS = "magma_r", 13
+"""Colour map of quantities: equal steps look equal, also to those who confuse red and green. Of so
+many steps the first `BANDS` are used: on a dark page the darkest would not be seen."""
 
 DIFFERENCE = "difference"
 SHARE = 0.995
@@ -121,5 +122,6 @@ def band_colors(quantity: str) -> tuple[Color, ...]:
     Args:
         quantity: What is shown; the difference of two models has the colours it has in pictures.
     """
-    name = COLORS if quantity == DIFFERENCE else EVEN_MAP
-    return tuple((int(red), int(green), int(blue)) for red, green, blue in map_colors(name, BANDS))
+    steps = (COLORS, BANDS) if quantity == DIFFERENCE else (EVEN_MAP, EVEN_STEPS)
+    colors = map_colors(*steps)[:BANDS]
+    return tuple((int(red), int(green), int(blue)) for red, green, blue in colors)
