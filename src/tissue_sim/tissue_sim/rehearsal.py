@@ -14,6 +14,7 @@ from tissue_sim.geometry.raw_mesh import RawMesh
 from tissue_sim.geometry.sheet import SheetStiffness
 from tissue_sim.geometry.sheet_geometry import SURFACE, SheetSettings, surface_of, with_sheet
 from tissue_sim.geometry.sutures import DEFAULT_STIFFNESS
+from tissue_sim.interaction.contact_model import ContactModels
 from tissue_sim.interaction.coupling import FORCE
 from tissue_sim.interaction.cut_response import CutResponse
 from tissue_sim.interaction.tools import (
@@ -69,6 +70,7 @@ def _rehearse(scene: Scene, sheet: bool = False) -> None:
     moved = replace(pressed, pose=at + 0.001 * np.eye(7)[0], edge=0)
     simulation.advance(FrameInputs(tools=(pressed,)), budget)
     simulation.advance(FrameInputs(tools=(moved,)), budget)
+    ContactModels().of(simulation, TOOL.id)
     edits = (_sheet_split(mesh) if sheet else _split(),)
     simulation.advance(FrameInputs(edits=edits, tools=(moved,)), budget)
     simulation.advance(FrameInputs(tools=(replace(moved, use=False, edge=-1),)), budget)

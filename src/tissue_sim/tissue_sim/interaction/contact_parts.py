@@ -18,6 +18,7 @@ from tissue_sim.interaction import rigid
 from tissue_sim.interaction.contact import Contact
 from tissue_sim.interaction.coupling import Coupling
 from tissue_sim.interaction.probes import Pressed
+from tissue_sim.kernels.pressed_parts import add_pressed
 
 Reals = NDArray[np.float64]
 Parts = tuple[Reals, Reals, Reals]
@@ -43,28 +44,13 @@ def probe_parts(pressed: Pressed, contact: Contact, tip: Reals, velocity: Reals)
         tip: The probe's tip [m], shape (3,).
         velocity: Of the probe [m/s], [rad/s], shape (6,).
     """
-    normal, area = pressed.normal, pressed.area
-    arms = pressed.places - tip
-    stiffness = contact.contact_stiffness * area
-    push = stiffness * pressed.depth
-    most = contact.contact_friction * push
-    sticks = stiffness * np.linalg.norm(pressed.slip, axis=1) < most
-    held = np.where(sticks, stiffness, 0.0)[:, None]
-    forces = -push[:, None] * normal + held * pressed.slip
-    along = velocity[:3] + np.cross(velocity[3:], arms)
-    along -= np.einsum("ij,ij->i", along, normal)[:, None] * normal
-    speed = np.maximum(np.linalg.norm(along, axis=1), SLIDES_AT)
-    rubbing = np.where(sticks, 0.0, most / speed)
-    across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    out = normal[:, :, None] * normal[:, None, :]
-    wrench = np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
-    return (
-        wrench,
-        _of_points(arms, _weighted(stiffness, out) + _weighted(held[:, 0], across)),
-        _of_points(
-            arms, _weighted(contact.contact_damping * area, out) + _weighted(rubbing, across)
-        ),
-    )
+    wrench, stiffness, damping = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
+    numbers = contact.contact_stiffness, contact.contact_damping, contact.contact_friction
+    add_pressed(
+        pressed.places - tip, pressed.normal, pressed.depth, pressed.slip, pressed.area, numbers,
+        velocity, SLIDES_AT, wrench, stiffness, damping,
+    )  # fmt: skip
+    return wrench, stiffness, damping
 
 
 def in_series(spring: Reals, tissue: Reals, coupling: Coupling) -> tuple[Reals, Reals]:
@@ -110,19 +96,3 @@ def axes_of(pose: Reals) -> Reals:
     axes = np.zeros((6, 6))
     axes[:3, :3] = axes[3:, 3:] = rigid.matrix(pose[3:])
     return axes
-
-
-def _weighted(weights: Reals, matrices: Reals) -> Reals:
-    return weights[:, None, None] * matrices
-
-
-def _of_points(arms: Reals, matrices: Reals) -> Reals:
-    """Sum of J^T M J with J = [1, -[r]x]: what acts at points r from the tip, by its motion."""
-    jacobians = np.zeros((len(arms), 3, 6))
-    jacobians[:, (0, 1, 2), (0, 1, 2)] = 1.0
-    x, y, z = arms.T
-    jacobians[:, 0, 4], jacobians[:, 0, 5] = z, -y
-    jacobians[:, 1, 3], jacobians[:, 1, 5] = -z, x
-    jacobians[:, 2, 3], jacobians[:, 2, 4] = y, -x
-    total: Reals = (jacobians.transpose(0, 2, 1) @ matrices @ jacobians).sum(axis=0)
-    return total
