@@ -11,7 +11,7 @@ from tissue_interfaces.srv import SetRiskRegion
 from tissue_sim.conversions import array_of
 from tissue_sim.readings.regions import painted
 from tool_input.table.marks import Marks
-from tool_input.table.modes import END, START, Drag
+from tool_input.table.modes import END, START, Drag, Vec3
 from tool_input.table.page_scene import PageScene
 from tool_input.table.person import Person
 from tool_input.table.sight import Sight
@@ -20,6 +20,8 @@ from tool_input.table.tool_size import MM
 
 PAINT, ERASE = "paint", "erase"
 RISK = (255, 190, 40)
+MOST_STEPS = 20
+"""Of half a brush between two events; the pointer has jumped to other tissue if there are more."""
 
 
 class RiskMode:
@@ -43,20 +45,21 @@ class RiskMode:
         self._limit = 0.0
         self._most = 0.2 * scene.organ_size
         self._stroke: NDArray[np.uint32] | None = None
+        self._last: Vec3 | None = None
 
     def drag(self, drag: Drag) -> None:
         """Take the tissue under the brush; at the end, ask for the region it makes."""
         frame = self._person.desk.frame()
         if drag.phase == START:
-            self._stroke = np.empty(0, dtype=np.uint32)
+            self._stroke, self._last = np.empty(0, dtype=np.uint32), None
         if self._stroke is None or frame is None:
             return
         ray = drag.point - drag.eye
         hit = Sight.of(frame).hit(drag.eye, ray / np.linalg.norm(ray))
         if hit is not None:
-            under = painted(frame.mesh, hit.rest[None], self._radius)
-            self._stroke = np.union1d(self._stroke, under)
-        self._show(frame, self._stroke)
+            way = self._way_to(hit.rest)
+            self._stroke = np.union1d(self._stroke, painted(frame.mesh, way, self._radius))
+            self._show(frame, self._stroke)
         if drag.phase == END:
             stroke = self._stroke
             self.leave()
@@ -90,6 +93,15 @@ class RiskMode:
         """Forget the stroke."""
         self._stroke = None
         self._marks.clear()
+
+    def _way_to(self, point: Vec3) -> NDArray[np.float64]:
+        """Points of the tissue at rest from the last one that was painted [m], shape (n, 3)."""
+        last = point if self._last is None else self._last
+        self._last = point
+        steps = int(np.ceil(float(np.linalg.norm(point - last)) / (0.5 * self._radius)))
+        if steps > MOST_STEPS:
+            return point[None]
+        return np.linspace(point, last, steps, endpoint=False) if steps else point[None]
 
     def _show(self, frame: TissueFrame, nodes: NDArray[np.uint32]) -> None:
         rows = frame.mesh.node_rows_of(nodes)
