@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from tissue_sim.free_domain import choose_domain
 from tissue_sim.launcher import Launcher
 from tissue_sim.playback.clock import checked_rate
+from tissue_sim.playback.recorded_states import RecordedStates
 from tissue_sim.playback.recording import Recording, read_recording
 from tissue_sim.runner import RATE_HZ, STATE_HZ, empty_folder, print_page
 from tissue_sim.scene_file import SIMULATION, SceneFile, find_scene
@@ -57,6 +58,7 @@ class WatchOptions:
         loop: Whether it begins again at its end.
         headless: Without page.
         viewer: Whether rerun's viewer is opened.
+        states: Whether recorded states are shown, not simulated.
         memory_mb: For states to go back to [MB].
     """
 
@@ -68,6 +70,7 @@ class WatchOptions:
     loop: bool = False
     headless: bool = False
     viewer: bool = False
+    states: bool = False
     memory_mb: float = 1024.0
 
 
@@ -107,8 +110,11 @@ def plan_watch(options: WatchOptions, recording: Recording) -> SessionPlan:
     """What takes part.
 
     Raises:
-        ValueError: The recording is of another organ than the scene, or the rate is not allowed.
+        ValueError: The recording is of another organ than the scene, the rate is not allowed, or
+            the bag has too few states to show.
     """
+    if options.states:
+        RecordedStates(options.bag, options.namespace, recording)
     scene = SceneFile(recording.name, {SIMULATION: {}})
     if options.scene:
         scene = find_scene(options.scene)
@@ -123,6 +129,7 @@ def plan_watch(options: WatchOptions, recording: Recording) -> SessionPlan:
         "playback.bag": str(options.bag.resolve()),
         "playback.rate": checked_rate(options.rate),
         "playback.loop": options.loop,
+        "playback.states": options.states,
         "playback.memory_mb": float(options.memory_mb),
     }
     if options.namespace:

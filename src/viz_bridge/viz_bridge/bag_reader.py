@@ -97,12 +97,15 @@ def summaries(bag: Path) -> dict[Path, Summary]:
     return found
 
 
-def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMessage]:
+def read_bag(
+    bag: Path, topics: Iterable[str] | None = None, start: int = 0
+) -> Iterator[BagMessage]:
     """The messages of a bag, file by file, in the order they were received.
 
     Args:
         bag: Directory or file.
         topics: Full names of the topics wanted; None for all.
+        start: Without those received before this time [ns since 1970].
 
     Raises:
         BagError: The bag was not ended or is damaged.
@@ -113,7 +116,7 @@ def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMess
     for path in summaries(bag):
         with path.open("rb") as stream:
             try:
-                for schema, channel, record in _messages(stream, wanted):
+                for schema, channel, record in _messages(stream, wanted, start):
                     yield BagMessage(
                         channel.topic,
                         schema.name if schema is not None else "",
@@ -127,10 +130,10 @@ def read_bag(bag: Path, topics: Iterable[str] | None = None) -> Iterator[BagMess
 
 
 def _messages(
-    stream: BinaryIO, wanted: list[str] | None
+    stream: BinaryIO, wanted: list[str] | None, start: int
 ) -> Iterator[tuple[Schema | None, Channel, Record]]:
     reader = make_reader(stream, validate_crcs=True)
-    return reader.iter_messages(topics=wanted)
+    return reader.iter_messages(topics=wanted, starting_at=start or None)
 
 
 def topic_counts(bag: Path) -> dict[str, int]:

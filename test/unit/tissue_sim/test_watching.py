@@ -63,6 +63,7 @@ def torn(folder: Path) -> Path:
         (lambda folder: torn(folder / "b"), (), "tissue bag recover"),
         (lambda folder: session_bag(folder / "b", frames=5), (), "begins at frame"),
         (lambda folder: pull_bag(folder / "b", frames=3)[0], ("--rate", "0"), "0.05 to 20"),
+        (lambda folder: pull_bag(folder / "b", state_every=30)[0], ("--states",), "2.0 states"),
         (lambda folder: pull_bag(folder / "b", frames=3)[0], ("--scene", "wall"), "same organ"),
         (lambda folder: pull_bag(folder / "b", frames=3)[0], ("--scene", "x"), "no scene 'x'"),
         (lambda folder: pull_bag(folder / "b", frames=3)[0], ("--model", "lr"), "recorded model"),

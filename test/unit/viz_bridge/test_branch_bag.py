@@ -13,15 +13,17 @@ from support.bags import ROOMY, put
 from support.recorded_pull import START, pull_bag
 from support.small_block import pose_of
 from tissue_sim import conversions
-from tissue_sim.frame import Frame
+from tissue_sim.frame import Answer, Frame
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.journal import replay
-from tissue_sim.playback.changes import SEEK, TAKE_OVER, change
+from tissue_sim.playback.changes import SEEK, SET_PLAYBACK, TAKE_OVER, change
 from tissue_sim.playback.checkpoints import Checkpoints
 from tissue_sim.playback.clock import PlaybackClock
 from tissue_sim.playback.played import PlayedSimulation
 from tissue_sim.playback.player import Player
+from tissue_sim.playback.recorded_states import RecordedStates
 from tissue_sim.playback.recording import read_recording
+from tissue_sim.requests import Request
 from tissue_sim.session_bag import read_epochs
 from viz_bridge.bag_reader import metadata_of, read_bag
 from viz_bridge.bag_recovery import check
@@ -79,6 +81,50 @@ class WatchedBag:
         put(self.writer, "/tissue/state", state, self.at)
         message = conversions.entry_to_msg(entry, edits, "organ", stamp)
         put(self.writer, "/tissue/journal", message, self.at)
+
+
+def test_recorded_states_are_shown_until_somebody_takes_over(tmp_path: Path) -> None:
+    """Shown: the bag's shapes, at any time. Taken over: the very state that was recorded."""
+    bag, seen = pull_bag(tmp_path / "bag", frames=FRAMES, state_every=5, cut_at=CUT)
+    recording = read_recording(bag)
+    player = Player(recording, Checkpoints(1 << 30), RecordedStates(bag, None, recording))
+    live = PlayedSimulation(player, PlaybackClock(), ToolLimits(), tmp_path)
+
+    def tick() -> tuple[int, np.ndarray]:
+        while not live.due(np.inf):
+            pass
+        frame, answer = live.next_frame(0.0)
+        answer()
+        return frame.journal.frame, frame.positions.copy()
+
+    def check_shown(number: int, shape: np.ndarray) -> None:
+        rows = len(shape)
+        kept = number // 5 * 5
+        if kept == number:
+            assert np.array_equal(shape, seen.positions[number - 1])
+        elif kept > CUT:
+            assert np.allclose(shape[:rows], seen.positions[kept - 1], atol=2e-3)
+
+    for wanted in range(1, 24):
+        number, shape = tick()
+        assert number == wanted
+        check_shown(number, shape)
+    for back in (10, 15, 35):
+        change(live, SEEK, back / 60)
+        number, shape = tick()
+        assert number == back
+        check_shown(number, shape)
+    assert live.simulation.mesh.version == 2
+    answers: list[Answer] = []
+    arguments = {"what": TAKE_OVER, "value": 0.0, "tools": ()}
+    live.post(Request(SET_PLAYBACK, arguments, "r", answers.append))
+    while not live.branch:
+        number, shape = tick()
+    assert answers[0].success
+    while number < FRAMES:
+        number, shape = tick()
+        assert np.array_equal(shape, seen.positions[number - 1])
+    assert live.player.differing == 0
 
 
 def numbers(bag: Path, topic: str) -> list[int]:

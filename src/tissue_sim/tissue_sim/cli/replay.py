@@ -41,6 +41,9 @@ def replay(
     viewer: Annotated[
         bool, typer.Option("--viewer", help="With --watch: open rerun's viewer.")
     ] = False,
+    states: Annotated[
+        bool, typer.Option("--states", help="With --watch: show recorded states, not simulated.")
+    ] = False,
     scene: Annotated[
         str, typer.Option(help="With --watch: scene that the session must be of.")
     ] = "",
@@ -63,7 +66,9 @@ def replay(
         folder = out or Path("out/watch") / datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
         raise typer.Exit(
             watch_recording(
-                WatchOptions(bag, folder, namespace, scene, rate, loop, headless, viewer, memory_mb)
+                WatchOptions(
+                    bag, folder, namespace, scene, rate, loop, headless, viewer, states, memory_mb
+                )
             )
         )
     if model:

@@ -36,6 +36,9 @@ class PlaybackError(ValueError):
 def answer_change(played: PlayedSimulation, request: Request) -> None:
     """Carry out a request of the kind SET_PLAYBACK, or refuse it, and answer."""
     arguments = request.arguments
+    if arguments["what"] == TAKE_OVER and _needs_time(played):
+        played.postpone(request)
+        return
     try:
         message = change(
             played, str(arguments["what"]), float(arguments["value"]), tuple(arguments["tools"])
@@ -93,6 +96,13 @@ def change(
     raise PlaybackError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
 
 
+def _needs_time(played: PlayedSimulation) -> bool:
+    """Whether there is no state to take over yet; then it is on its way."""
+    if played.player.states is not None:
+        played.player.simulate()
+    return played.player.target > 0
+
+
 def _take_over(played: PlayedSimulation, tools: Sequence[str]) -> str:
     there = played.simulation.tools
     taken = played.branch.taken if played.branch is not None else set()
@@ -106,8 +116,6 @@ def _take_over(played: PlayedSimulation, tools: Sequence[str]) -> str:
     wanted = set(tools) or set(there) - taken
     if played.branch is not None and not wanted:
         raise PlaybackError("INVALID", "every tool is taken over already")
-    if played.player.target:
-        raise PlaybackError("INVALID", "the time sought is not reached yet; wait for it")
     if played.branch is None:
         played.clock.paused, played.clock.rate = False, 1.0
         played.branch = Branch(played.simulation.epoch.hex(), played.simulation.frame)

@@ -10,6 +10,7 @@ from tissue_sim.parameters import Spec
 from tissue_sim.playback.checkpoints import Checkpoints
 from tissue_sim.playback.clock import FASTEST, SLOWEST, PlaybackClock
 from tissue_sim.playback.player import Player
+from tissue_sim.playback.recorded_states import RecordedStates
 from tissue_sim.playback.recording import read_recording
 
 PARAMETERS = (
@@ -21,6 +22,7 @@ PARAMETERS = (
     ),
     Spec("playback.paused", "bool", False, "Whether it begins paused."),
     Spec("playback.loop", "bool", False, "Whether it begins again at its end."),
+    Spec("playback.states", "bool", False, "Whether recorded states are shown, not simulated."),
     Spec(
         "playback.memory_mb", "double", 1024.0, "For states to go back to; 0: none are kept.",
         unit="MB", minimum=0.0, maximum=1e6,
@@ -34,8 +36,10 @@ def player_of(values: Mapping[str, Any]) -> Player:
     Raises:
         ValueError: The bag cannot be played.
     """
-    recording = read_recording(Path(values["playback.bag"]), values["playback.namespace"] or None)
-    return Player(recording, Checkpoints(int(1e6 * values["playback.memory_mb"])))
+    bag, namespace = Path(values["playback.bag"]), values["playback.namespace"] or None
+    recording = read_recording(bag, namespace)
+    states = RecordedStates(bag, namespace, recording) if values["playback.states"] else None
+    return Player(recording, Checkpoints(int(1e6 * values["playback.memory_mb"])), states)
 
 
 def clock_of(values: Mapping[str, Any]) -> PlaybackClock:

@@ -76,6 +76,7 @@ class PlayedSimulation(LiveSimulation):
         self._due = 0
         self._unpublished: tuple[AppliedEdit, ...] = ()
         self._notes: list[str] = []
+        self._postponed: list[Request] = []
 
     @property
     def state(self) -> PlaybackState:
@@ -142,6 +143,9 @@ class PlayedSimulation(LiveSimulation):
             until: Steady time (`time.perf_counter`) at which to stop going there [s].
         """
         self._empty_inbox()
+        if not self.player.target:
+            self._requests.extendleft(self._postponed)
+            self._postponed.clear()
         # What comes after a take-over waits for the frame that it takes effect in.
         while self.branch is None and self._requests:
             self._accept(self._requests.popleft(), [], [])
@@ -235,6 +239,10 @@ class PlayedSimulation(LiveSimulation):
             self.branch.hand_over(tool)
 
     # What people ask for
+
+    def postpone(self, request: Request) -> None:
+        """Answer a request when the time that is sought is reached."""
+        self._postponed.append(request)
 
     def _accept(self, request: Request, commands: list[Command], answers_to: list[Request]) -> None:
         if request.kind == SET_PLAYBACK:

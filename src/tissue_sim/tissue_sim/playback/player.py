@@ -6,9 +6,13 @@ import os
 import time
 from dataclasses import replace
 
-from tissue_sim.frame import Frame
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue_sim.frame import Budget, Frame, JournalEntry
 from tissue_sim.journal import Replayer
 from tissue_sim.playback.checkpoints import Checkpoints
+from tissue_sim.playback.recorded_states import RecordedStates
 from tissue_sim.playback.recording import Recording
 
 
@@ -25,11 +29,17 @@ class Player:
         frame: Frame of the recording it stands after; 0: before the first.
         target: Frame that is being sought; 0: none.
         differing: Frames that did not come out as recorded.
+        states: Shapes to show instead of simulating them; None: it simulates.
     """
 
-    def __init__(self, recording: Recording, checkpoints: Checkpoints) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        checkpoints: Checkpoints,
+        states: RecordedStates | None = None,
+    ) -> None:
         """Stand before the first frame."""
-        self.recording, self.checkpoints = recording, checkpoints
+        self.recording, self.checkpoints, self.states = recording, checkpoints, states
         self.simulation = recording.begin(1)
         self.frame = self.target = self.differing = 0
         self._from = 0
@@ -52,10 +62,34 @@ class Player:
         if self.recording.begins(following) and self.simulation.frame:
             self.simulation = self.recording.begin(following)
         entry = self.recording.entry(following)
-        frame = Replayer(self.simulation).play(replace(entry, epoch=self.simulation.epoch))
+        entry = replace(entry, epoch=self.simulation.epoch)
+        if self.states is not None:
+            self.frame = following
+            return self._shown(entry, self.states.at(following))
+        frame = Replayer(self.simulation).play(entry)
         self.count(frame)
         self.checkpoints.offer(self.frame, self.simulation)
         return frame
+
+    def simulate(self) -> None:
+        """Set out for the state after this frame itself, where shapes were only shown."""
+        frame, self.states = self.frame, None
+        # Nothing of what was shown is a state to go on from.
+        self.frame = self.recording.frames + 1
+        self.seek(frame + 1)
+
+    def _shown(self, entry: JournalEntry, shape: NDArray[np.float32] | None) -> Frame:
+        """All that a frame applied, without a step of the model, and the shape that came of it."""
+        simulation = self.simulation
+        frame = Replayer(simulation).play(entry, Budget(steps=0))
+        simulation.sim_time = entry.sim_time
+        rows = simulation.mesh.node_rows
+        if shape is not None and len(shape) == rows:
+            state = simulation.state
+            state.displacement[:rows] = shape - simulation.mesh.rest[:rows]
+            state.previous[:rows] = state.displacement[:rows]
+            frame = replace(frame, positions=shape)
+        return replace(frame, journal=replace(frame.journal, sim_time=entry.sim_time), wrenches={})
 
     def count(self, frame: Frame, compare: bool = True) -> None:
         """Take note that the next frame has been played, by whomever.

@@ -67,6 +67,10 @@ class Recording:
         """Whether a frame is the first of an epoch."""
         return frame in self._epochs
 
+    def first_of(self, epoch: bytes) -> int:
+        """The first frame of the epoch with this id; 0: it is not in the recording."""
+        return next((first for first, of in self._epochs.items() if of.epoch == epoch), 0)
+
     def start_before(self, frame: int) -> int:
         """The first frame of the epoch that a frame belongs to."""
         return max(first for first in self._epochs if first <= frame)
