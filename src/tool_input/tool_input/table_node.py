@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from tissue_sim.node_main import declare, run
 from tissue_sim.parameters import Spec
-from tool_input.table import sight
+from tool_input.table import organ_view, sight
 from tool_input.table.desk import Desk
 from tool_input.table.page import TablePage
 
@@ -31,6 +31,7 @@ class TableNode(Node):
         super().__init__("table")
         given = declare(self, PARAMETERS)
         sight.warm_up()
+        organ_view.warm_up()
         self._desk = Desk(self, given["frame_id"])
         self.page = TablePage(self._desk, given["host"], given["port"])
         self.create_timer(1.0 / given["view_hz"], self._draw)

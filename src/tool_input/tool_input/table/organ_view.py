@@ -163,3 +163,11 @@ def _lifted(surface: Surface, positions: NDArray[np.float32]) -> NDArray[np.floa
     normals = np.empty_like(positions)
     vertex_normals(positions, surface.nodes[surface.triangles].astype(np.int32), normals)
     return positions + np.float32(EDGE_LIFT) * normals
+
+
+def warm_up() -> None:
+    """Compile or load what draws a surface, before anybody waits for it."""
+    surface = Surface(np.arange(3), np.array([[0, 1, 2]], dtype=np.uint32))
+    colors = band_colors(DISPLACEMENT)
+    contour_bands(surface_edges(surface), np.arange(3.0), Scale(0.0, 1.0).levels, colors, UNKNOWN)
+    _lifted(surface, np.eye(3, dtype=np.float32))
