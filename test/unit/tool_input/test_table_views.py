@@ -10,11 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from tissue_sim.geometry.holes import HoleLostError
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.scene_geometry import load
 from tissue_sim.geometry.shapes import block
 from tissue_sim.geometry.sheet import CONNECTING
 from tissue_sim.geometry.sheet_geometry import SheetSettings
+from tissue_sim.geometry.sutures import Sutures
 from tissue_sim.readings.fields import UNITS
 from tool_input.table.color_bar import ShownUnit, color_bar, legend
 from tool_input.table.organ_view import RECOLOR_PERIOD, OrganView
@@ -28,6 +30,7 @@ from tool_input.table.scalar_scale import (
     band_colors,
 )
 from tool_input.table.scalar_source import quantity_values
+from tool_input.table.seam_lines import SeamLines
 from tool_input.table.spring_lines import MOST_LINES, SpringGroup, spring_groups
 from tool_input.table.tissue_frame import NodeValues, Surface, TissueFrame, ToolShown
 from tool_input.table.tool_meshes import tool_mesh
@@ -390,4 +393,45 @@ def test_tools_come_move_change_and_go() -> None:
     view.show(frame_of(mesh, surface, tools={"t": tool("anna-1", "frozen")}))
     assert scene.nodes["/tools/t/label"].text == "t (frozen)"
     view.show(frame_of(mesh, surface))
+    assert not scene.nodes
+
+
+# Sutures and holes
+
+
+class LostHole:
+    """A hole whose tissue is no more."""
+
+    def loop(self, mesh: Mesh, positions: Any) -> Any:
+        raise HoleLostError("gone")
+
+
+class SquareHole(LostHole):
+    """A hole with four corners."""
+
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+
+    def loop(self, mesh: Mesh, positions: Any) -> Any:
+        return self.corners
+
+
+def test_threads_and_edges_of_holes_come_follow_the_tissue_and_go() -> None:
+    mesh = block_mesh()
+    surface = Surface.of(mesh)
+    scene = FakeScene()
+    lines = SeamLines(PageScene(scene, Placement(np.zeros(3), 1.0)))
+    lines.show(frame_of(mesh, surface, holes=(LostHole(),)))
+    assert not scene.nodes
+    mesh.sutures = Sutures(
+        np.array([1], np.uint32), np.array([[0, 7]], np.int32), np.ones(1), np.ones(1),
+        np.array([1], np.uint32),
+    )  # fmt: skip
+    for stretch in (1.0, 1.4):
+        lines.show(frame_of(mesh, surface, stretch, holes=(LostHole(), SquareHole())))
+        assert scene.nodes["/sutures"].points == pytest.approx(stretch * mesh.rest[[[0, 7]]])
+    around = scene.nodes["/holes"].points
+    assert np.linalg.norm(around[:, 1] - around[:, 0], axis=1) == pytest.approx(np.ones(4))
+    assert around[:, 1] == pytest.approx(np.roll(around[:, 0], -1, axis=0))
+    mesh.sutures = Sutures()
+    lines.show(frame_of(mesh, surface))
     assert not scene.nodes
