@@ -128,7 +128,7 @@ class PageGuard:
         return handler
 
     @contextmanager
-    def installed(self, greet: Callable[[Any], None] | None = None) -> Iterator[None]:
+    def installed(self, greet: Callable[[Any], None] | None = None, **more: Any) -> Iterator[None]:
         """Guard every websockets server started inside the block; viser offers no hook.
 
         What such a server does for a connection finds in `VISITOR` whom it belongs to. Those who
@@ -136,6 +136,7 @@ class PageGuard:
 
         Args:
             greet: Called with every connection that is let in, before it is served.
+            more: Further options of `websockets.asyncio.server.serve`.
         """
         serve = websockets.asyncio.server.serve
 
@@ -150,7 +151,7 @@ class PageGuard:
                 await attend(connection)
 
             options["process_request"] = self.wrap(options.get("process_request"))
-            return serve(introduced, *args, **options)
+            return serve(introduced, *args, **{**options, **more})
 
         websockets.asyncio.server.serve = guarded  # type: ignore[misc, assignment]
         try:

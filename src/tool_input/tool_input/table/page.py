@@ -23,8 +23,13 @@ BACKLOG = 1 << 18
 What changes while that waits replaces what changed before, so a slow window misses frames and is
 not late."""
 
-EYE = (1.1, -2.2, 1.5)
-"""Where everybody looks from at first, in the page's units: at the organ, which is 2 large."""
+EYE, LOOK_AT = (1.3, -2.5, 1.7), (0.3, 0.15, 0.0)
+"""Where everybody looks from at first, and to, in the page's units: the organ is 2 large, and the
+controls are on the right."""
+
+PING_SECONDS, PONG_SECONDS = 5.0, 10.0
+"""[s] How often a window is asked whether it is still there, and how long its answer may take: a
+cable that is pulled says nothing."""
 
 FIELD_OF_VIEW = 0.87
 """From the window's lower to its upper edge [rad]: from there the organ fills most of it."""
@@ -57,13 +62,17 @@ class TablePage:
         self._desk = desk
         self._guard = guard or PageGuard(host)
         self._windows: dict[int, Window] = {}
+        served = self._guard.installed(
+            _keep_short, ping_interval=PING_SECONDS, ping_timeout=PONG_SECONDS
+        )
         # viser prints an address without the token, which opens nothing.
-        with self._guard.installed(_keep_short), contextlib.redirect_stdout(io.StringIO()):
+        with served, contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(
                 host=host, port=port, label="tissue_sim", verbose=False
             )
             self._server.gui.configure_theme(dark_mode=True, show_share_button=False)
-            self._server.initial_camera.position = EYE
+            camera = self._server.initial_camera
+            camera.position, camera.look_at = EYE, LOOK_AT
             self._server.initial_camera.fov = FIELD_OF_VIEW
             self._server.on_client_connect(self._came)
             self._server.on_client_disconnect(self._went)

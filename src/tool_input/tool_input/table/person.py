@@ -147,8 +147,10 @@ class PersonTools:
             self.remove(name)
 
     def make_again(self) -> None:
-        """Ask for all of them once more, after another organ was loaded."""
+        """Release all of them and ask for them once more, after another organ was loaded."""
         for tool in self._tools.values():
+            if tool.pressed:
+                tool.use(False)
             self._person.request("set_tool", SetTool.Request(tool=tool.message))
 
     def repeat(self) -> None:

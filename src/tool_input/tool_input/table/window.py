@@ -86,7 +86,9 @@ class Window:
         self._drags.expire()
 
     def choose(self, name: str) -> None:
-        """Choose a mode by its name."""
+        """Choose a mode by its name, unless it is chosen already."""
+        if self._mode is self._modes[name]:
+            return
         self._drags.forget()
         if self._mode is not None:
             self._mode.leave()
@@ -110,6 +112,7 @@ class Window:
         mesh = frame.mesh
         self._scene.placement = Placement.around(mesh.rest[: mesh.node_rows])
         if self._epoch:
+            self._drags.forget()
             self.person.tools.make_again()
         else:
             self._organ = OrganView(self._scene, self._listen)
