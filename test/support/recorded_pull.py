@@ -100,11 +100,14 @@ def record_pull(
         messages = [
             conversions.edit_to_msg(edit.change.edit, epoch, "organ", stamp) for edit in frame.edits
         ]
+        for edit in messages:
+            put(writer, f"{namespace}/tissue/edits", edit, at)
         if with_journal:
             entry = conversions.entry_to_msg(frame.journal, messages, "organ", stamp)
             put(writer, f"{namespace}/tissue/journal", entry, at)
         if number % state_every == 0:
-            state = TissueState(header=conversions.header("organ", stamp))
+            header = conversions.header("organ", stamp)
+            state = TissueState(header=header, sim_time=simulation.sim_time)
             state.epoch = conversions.epoch_field(epoch)
             state.version, state.frame = simulation.mesh.version, number
             conversions.fill_state(state, frame.positions)

@@ -177,8 +177,11 @@ def _way(poses: list[HeardPose], even: NDArray[np.float64]) -> NDArray[np.float6
     """Where a tip was at some times [m], shape (n, 3).
 
     A device and the simulation do not tick alike: a frame without a new pose is no stop, so between
-    two poses the tip runs straight. Only where none came for `STILL` it stayed where it was.
+    two poses the tip runs straight. Only where none came for `STILL` it stayed where it was. Where
+    the scene had put the tool before its first pose came was nobody's motion.
     """
+    first = next((place for place, pose in enumerate(poses) if pose.stamp), 0)
+    poses = poses[first:]
     kept = [poses[0]]
     for before, pose in pairwise(poses):
         if pose.stamp == before.stamp and (pose.place == before.place).all():

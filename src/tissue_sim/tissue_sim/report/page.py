@@ -68,8 +68,8 @@ def _what(reported: Sequence[Reported], settings: Settings, command: str) -> str
         (
             one.session.name, one.entry.role or NONE,
             f"{one.session.organ or 'unknown organ'}, {one.session.nodes:,} nodes",
-            ", ".join(one.session.models) or NONE, number(one.session.seconds),
-            number(one.session.rate_hz), one.session.bag,
+            ", ".join(one.session.models) or NONE, one.session.bag, number(one.session.seconds),
+            number(one.session.rate_hz),
         )
         for one in reported
     ]  # fmt: skip
@@ -86,7 +86,7 @@ def _what(reported: Sequence[Reported], settings: Settings, command: str) -> str
     return (
         markup.heading(2, "What was recorded")
         + markup.table(
-            ("session", "role", "organ", "model", "length [s]", "frames/s", "bag"), rows, words=4
+            ("session", "role", "organ", "model", "bag", "length [s]", "frames/s"), rows, words=5
         )
         + markup.facts(values)
         + (markup.listing(notes) if notes else "")
@@ -139,7 +139,7 @@ def _known(groups: Sequence[Groups]) -> str:
     title = markup.heading(3, "Known groups: experts and trainees")
     if not groups:
         return title + markup.paragraph(
-            "Not computed: it needs sessions of at least one expert (--expert) and one trainee."
+            "Not computed: it needs sessions of at least two experts (--expert) and two trainees."
         )
     rows = [
         (
@@ -216,12 +216,13 @@ def _stress_words(session: Session) -> str:
 
 
 def _tables(one: Reported) -> list[str]:
-    parts = [markup.heading(3, "Figures")]
+    tables = []
     for group, rows in grouped([one.figures]).items():
         figures = [figure for _, (figure,) in rows if figure is not None]
         cells = [(with_unit(f.label, f.unit), cell(f)) for f in figures]
-        parts.append(markup.table((group, ""), cells))
-    return [*parts, _cuts(one), _violations(one.session)]
+        tables.append(markup.table((group, ""), cells))
+    figures_of_all = markup.heading(3, "Figures") + markup.gallery(tables)
+    return [figures_of_all, _cuts(one), _violations(one.session)]
 
 
 def _cuts(one: Reported) -> str:

@@ -146,7 +146,8 @@ def ways(session: Session, settings: Settings) -> go.Figure | None:
         _line(plot, _strokes(np.concatenate(planned)), "plan", style)
     axes = {f"{axis}axis": {"title": f"{axis} [mm]"} for axis in "xyz"}
     plot.update_layout(
-        scene={**axes, "aspectmode": "data", "bgcolor": "#f1f3f6"},
+        scene={**axes, "aspectmode": "data", "bgcolor": "#f1f3f6",
+               "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.3}, "center": {"z": -0.2}}},
         margin={"l": 0, "r": 0, "t": 10, "b": 0}, legend={"y": 0.0},
     )  # fmt: skip
     return plot

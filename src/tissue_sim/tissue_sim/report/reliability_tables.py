@@ -31,7 +31,7 @@ from tissue_sim.report.study import EXPERT, TRAINEE, Entry
 from tissue_sim.report.summary import Figure
 
 FEWEST = 2
-"""Persons, or sessions that were rated, below which nothing can be said."""
+"""Persons (of each group), or sessions that were rated, below which nothing can be said."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def inter_rater(entries: Sequence[Entry]) -> list[Repeated]:
 
 
 def known_groups(entries: Sequence[Entry], figures: Sequence[Sequence[Figure]]) -> list[Groups]:
-    """What experts and trainees reach; empty where one of the groups is not there.
+    """What experts and trainees reach; empty with fewer than `FEWEST` persons in a group.
 
     Args:
         entries: Sessions on one organ. A session without a person is a person of its own.
@@ -170,7 +170,7 @@ def known_groups(entries: Sequence[Entry], figures: Sequence[Sequence[Figure]]) 
             np.array([float(np.median(of)) for of in values[role].values()])
             for role in (EXPERT, TRAINEE)
         )
-        if len(one) and len(other):
+        if min(len(one), len(other)) >= FEWEST:
             label, middle = f"{figure.group}: {figure.label}", float(np.median(other))
             delta = cliffs_delta(one, other)
             rows.append(

@@ -13,12 +13,16 @@ SHOWN = {
     "Pa": (1e-3, "kPa"), "Pa s": (1e-3, "kPa s"),
 }  # fmt: skip
 """Factor and unit that a unit is shown in; the others as they are."""
+LEAST = 0.001
+"""Smaller values are only said to be smaller."""
 NONE = "–"
 """Shown where there is no figure."""
 
 
 def number(value: float) -> str:
     """About three significant digits, never in powers of ten; `NONE` where there is none."""
+    if 0.0 < abs(value) < LEAST:
+        return f"<{LEAST:g}"
     if not math.isfinite(value):
         return NONE
     if value == 0.0 or (float(value).is_integer() and abs(value) < 1e6):

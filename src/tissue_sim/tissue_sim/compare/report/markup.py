@@ -34,6 +34,7 @@ p, li { max-width: 48rem; }
 table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
 caption { text-align: left; color: var(--soft); padding-bottom: .3rem; }
 th, td { padding: .25rem .8rem .25rem 0; text-align: left; vertical-align: top; }
+tbody th { white-space: nowrap; }
 thead th { border-bottom: 1px solid var(--ink); font-weight: 600; vertical-align: bottom; }
 tbody tr { border-bottom: 1px solid var(--faint); }
 th.number, td.number { text-align: right; font-variant-numeric: tabular-nums; }
@@ -44,7 +45,7 @@ figure { margin: .8rem 0 1.6rem; }
 figure img { max-width: 100%; height: auto; }
 figcaption { color: var(--soft); font-size: .88rem; max-width: 48rem; }
 .gallery { display: grid; gap: 0 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); }
+  grid-template-columns: repeat(auto-fit, minmax(22rem, 1fr)); }
 .gallery figure { margin: .4rem 0 .8rem; }
 summary { cursor: pointer; margin: 1.4rem 0 .3rem; font-weight: 600; }
 .note { border-left: 3px solid #c98a1b; padding-left: .8rem; }
@@ -157,9 +158,9 @@ def image(address: str, caption: str) -> str:
     )
 
 
-def gallery(images: Iterable[str]) -> str:
-    """Pictures beside each other where there is room, from `image`."""
-    return f'<div class="gallery">{"".join(images)}</div>'
+def gallery(pieces: Iterable[str]) -> str:
+    """Pictures, or small tables, beside each other where there is room."""
+    return f'<div class="gallery">{"".join(pieces)}</div>'
 
 
 def folded(words: str, body: str) -> str:
