@@ -16,7 +16,7 @@ from rclpy.serialization import serialize_message
 from tissue_interfaces.msg import Holes, Journal, Status, TissueState, Tool, ToolList, ToolSample
 
 from support.split_block import split_plan
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from viz_bridge.bag_writer import BagOptions, BagWriter
@@ -82,7 +82,7 @@ def _put_frame(
     edits = []
     if cut:
         change = mesh.apply(split_plan(mesh))
-        edits = [conversions.edit_to_msg(change.edit, EPOCH, "organ", stamp)]
+        edits = [edit_messages.edit_to_msg(change.edit, EPOCH, "organ", stamp)]
         put(writer, f"{namespace}/tissue/edits", edits[0], at)
     pull = 0.02 * np.sin(np.pi * frame / frames)
     rest = mesh.rest[: mesh.node_rows]

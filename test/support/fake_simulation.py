@@ -16,7 +16,7 @@ from tissue_interfaces.msg import TissueState, Topology, TopologyEdit
 from tissue_interfaces.srv import ApplyEdit
 
 from support.spinner import Spinner
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, qos
 from tissue_sim.geometry.edit import EditError, StaleEditError
 from tissue_sim.geometry.edit import TopologyEdit as Edit
 from tissue_sim.geometry.mesh import Mesh
@@ -57,7 +57,7 @@ class FakeSimulation(Node):
         applied = self.mesh.apply(edit).edit
         self.applied.append(applied)
         stamp = self.get_clock().now().to_msg()
-        self._edits.publish(conversions.edit_to_msg(applied, self.epoch, FRAME, stamp))
+        self._edits.publish(edit_messages.edit_to_msg(applied, self.epoch, FRAME, stamp))
         return applied
 
     def _tick(self) -> None:
@@ -74,7 +74,7 @@ class FakeSimulation(Node):
         self, request: ApplyEdit.Request, response: ApplyEdit.Response
     ) -> ApplyEdit.Response:
         self.before_apply()
-        edit = conversions.edit_from_msg(request.edit)
+        edit = edit_messages.edit_from_msg(request.edit)
         try:
             if self.refuse_with:
                 response.error_code, response.message = self.refuse_with, "refused by the test"
@@ -84,7 +84,7 @@ class FakeSimulation(Node):
             applied = self.apply(edit)
             response.version = applied.version
             stamp = self.get_clock().now().to_msg()
-            response.applied = conversions.edit_to_msg(applied, self.epoch, FRAME, stamp)
+            response.applied = edit_messages.edit_to_msg(applied, self.epoch, FRAME, stamp)
             response.success = True
             response.apply_ms = 1.0
         except StaleEditError as error:

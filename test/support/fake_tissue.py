@@ -30,7 +30,7 @@ from tissue_interfaces.msg import (
 from tissue_interfaces.msg import TopologyEdit as EditMsg
 
 from support.split_block import split_plan
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, qos
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 
@@ -95,7 +95,7 @@ class FakeTissue(Node):
         if not self.cut_done and share >= 0.5:
             self.cut_done = True
             change = self.mesh.apply(split_plan(self.mesh))
-            edits = [conversions.edit_to_msg(change.edit, self.epoch, FRAME, stamp)]
+            edits = [edit_messages.edit_to_msg(change.edit, self.epoch, FRAME, stamp)]
             self.edits.publish(edits[0])
         positions = self._positions(pull)
         tip = [0.075, 0.1 + pull, 0.02, 0.0, 0.0, 0.0, 1.0]

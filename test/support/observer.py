@@ -16,7 +16,7 @@ from tissue_interfaces.srv import ApplyEdit, Cut
 
 from cut_service.sweep import Sweep
 from support.fake_simulation import wait_for
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, journal_messages, qos
 from tissue_sim.frame import JournalEntry, ToolSample
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.replica import Replica
@@ -138,7 +138,7 @@ class Observer(Node):
             self.replica.take_keyframe(epoch, conversions.topology_to_mesh(message))
 
     def _on_edit(self, message: messages.TopologyEdit) -> None:
-        self.replica.take_edit(conversions.epoch_of(message), conversions.edit_from_msg(message))
+        self.replica.take_edit(conversions.epoch_of(message), edit_messages.edit_from_msg(message))
 
     def _on_state(self, message: messages.TissueState) -> None:
         self.replica.take_state(
@@ -147,7 +147,7 @@ class Observer(Node):
         )  # fmt: skip
 
     def _on_journal(self, message: messages.Journal) -> None:
-        self.entries.append(conversions.entry_from_msg(message))
+        self.entries.append(journal_messages.entry_from_msg(message))
 
     def _on_status(self, message: messages.Status) -> None:
         self.status = message

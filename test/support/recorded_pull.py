@@ -14,7 +14,7 @@ from tissue_interfaces.msg import TissueState
 from support.bags import EPOCH, ROOMY, put
 from support.small_block import block_mesh, pose_of, tool_at
 from support.split_edit import split_at
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages, journal_messages
 from tissue_sim.frame import Budget, Command, Edge, FrameInputs, ToolSample
 from tissue_sim.scene import Scene
 from tissue_sim.simulation import Simulation
@@ -98,12 +98,13 @@ def record_pull(
         at = START + number * 16_666_667
         stamp = conversions.stamp_of(at)
         messages = [
-            conversions.edit_to_msg(edit.change.edit, epoch, "organ", stamp) for edit in frame.edits
+            edit_messages.edit_to_msg(edit.change.edit, epoch, "organ", stamp)
+            for edit in frame.edits
         ]
         for edit in messages:
             put(writer, f"{namespace}/tissue/edits", edit, at)
         if with_journal:
-            entry = conversions.entry_to_msg(frame.journal, messages, "organ", stamp)
+            entry = journal_messages.entry_to_msg(frame.journal, messages, "organ", stamp)
             put(writer, f"{namespace}/tissue/journal", entry, at)
         if number % state_every == 0:
             header = conversions.header("organ", stamp)

@@ -9,7 +9,7 @@ import numpy as np
 from tissue_interfaces.msg import HeldNodes, TissueState, Tool, ToolList
 
 from support.small_block import CORNER, block_simulation, pose_of, tool_at
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages, journal_messages
 from tissue_sim.condition_topics import material_to_msg
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit
@@ -74,11 +74,12 @@ class ToldSession:
         state.epoch = conversions.epoch_field(epoch)
         conversions.fill_state(state, made.positions)
         applied = [
-            conversions.edit_to_msg(edit.change.edit, epoch, "organ", stamp) for edit in made.edits
+            edit_messages.edit_to_msg(edit.change.edit, epoch, "organ", stamp)
+            for edit in made.edits
         ]
-        whole = [conversions.edit_to_msg(e, epoch, "organ", stamp) for e in entry.inputs.edits]
+        whole = [edit_messages.edit_to_msg(e, epoch, "organ", stamp) for e in entry.inputs.edits]
         told = [("tissue/edits", edit) for edit in applied]
-        told.append(("tissue/journal", conversions.entry_to_msg(entry, whole, "organ", stamp)))
+        told.append(("tissue/journal", journal_messages.entry_to_msg(entry, whole, "organ", stamp)))
         told += [("tissue/held_nodes", self._held()), ("tissue/state", state)]
         for take in self._listeners:
             for topic, message in told:

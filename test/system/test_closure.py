@@ -17,7 +17,7 @@ from tissue_interfaces.srv import Closure, Suture
 from cut_service.hole_book import ClosureCode
 from support.fake_simulation import FRAME, FakeSimulation, spinning, wait_for
 from support.holed_wall import HOLE, add_patch, edge, holed_wall
-from tissue_sim import conversions, qos
+from tissue_sim import edit_messages, qos
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.hole_messages import hole_from_msg
 
@@ -131,7 +131,7 @@ def _cover(simulation: FakeSimulation, observer: Observer) -> None:
     add_patch(simulation.mesh)
     applied = simulation.mesh.changes[-1].edit
     stamp = simulation.get_clock().now().to_msg()
-    message = conversions.edit_to_msg(applied, simulation.epoch, FRAME, stamp)
+    message = edit_messages.edit_to_msg(applied, simulation.epoch, FRAME, stamp)
     simulation._edits.publish(message)
     wait_for(lambda: observer.ask("window").version > version, 20.0, "the patch")
     (hole,) = observer.ask("window").holes

@@ -16,7 +16,7 @@ from tissue_interfaces.srv import ApplyEdit
 from support.bags import interrupt, start_module
 from support.simulation_process import Client, client, eventually, simulation
 from support.split_edit import split_at
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, qos
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -109,7 +109,7 @@ def test_the_same_model_is_no_different_another_is_and_edits_are_followed(
         mesh = conversions.topology_to_mesh(me.first("tissue/topology"))
         plan = split_at(mesh, 0.02, top=0.05, request_id="cut")
         epoch = conversions.epoch_of(me.first("tissue/topology"))
-        edit = conversions.edit_to_msg(plan, epoch, "organ", me.stamp())
+        edit = edit_messages.edit_to_msg(plan, epoch, "organ", me.stamp())
         assert me.call(ApplyEdit, "tissue/apply_edit", edit=edit).success
         eventually(lambda: apart[-1].version == 2 and same[-1].version == 2)
 

@@ -18,7 +18,7 @@ from cut_service.sweep import Sweep
 from support.fake_simulation import spinning, wait_for
 from support.observer import FRAME, PATIENCE, Observer
 from support.processes import Processes, processes
-from tissue_sim import conversions
+from tissue_sim import edit_messages
 from tissue_sim.geometry.components import connected_components
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
@@ -193,7 +193,7 @@ def test_a_restarted_simulation_begins_a_new_epoch_and_everybody_follows(
             request_id="left over",
         )
         stamp = seen.get_clock().now().to_msg()
-        left_over = conversions.edit_to_msg(edit, old_epoch, FRAME, stamp)
+        left_over = edit_messages.edit_to_msg(edit, old_epoch, FRAME, stamp)
 
         assert world.end("simulation", signal.SIGKILL) == -signal.SIGKILL
         wait_for(

@@ -10,7 +10,7 @@ from tissue_interfaces.srv import AddPatch
 
 from support.processes import play_on_block, processes
 from support.simulation_process import Client, client
-from tissue_sim import conversions
+from tissue_sim import conversions, journal_messages
 from tissue_sim.journal import epochs_of, replay
 
 CODES = AddPatch.Response
@@ -48,7 +48,7 @@ def test_a_script_and_a_tool_lay_patches_and_the_session_replays(
         played = play_on_block(world, PROCEDURE, nodes=5)
         _refuse(heard)
         edits = list(heard.heard["tissue/edits"])
-        entries = [conversions.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
+        entries = [journal_messages.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
         (epoch,) = epochs_of(entries).values()
         first = heard.first("tissue/topology", lambda m: m.version == 1)
         again = replay(epoch, conversions.topology_to_mesh(first))

@@ -15,7 +15,7 @@ from tissue_interfaces.srv import Undo
 from support.processes import Processes, processes
 from support.simulation_process import Client, client, eventually
 from support.valid_mesh import check_valid
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages, journal_messages
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.journal import epochs_of, replay
 from tissue_sim.undo_client import ask, stroke_of
@@ -103,7 +103,7 @@ def test_a_script_cuts_as_it_moves_and_all_of_it_is_undone_and_replayed(
         nothing = heard.call(Undo, "tissue/undo", request_id="more")
         assert nothing.error_code == Undo.Response.NOTHING_THERE
 
-        entries = [conversions.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
+        entries = [journal_messages.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
         (epoch,) = epochs_of(entries).values()
         again = replay(epoch, keyframe(heard))
         assert again.mismatches == ()
@@ -119,5 +119,5 @@ def keyframe(heard: Client) -> Mesh:
 def follow(mesh: Mesh, heard: Client) -> None:
     for message in list(heard.heard["tissue/edits"]):
         if message.version > mesh.version:
-            mesh.apply(conversions.edit_from_msg(message))
+            mesh.apply(edit_messages.edit_from_msg(message))
     assert np.isfinite(mesh.rest[: mesh.node_rows]).all()

@@ -29,7 +29,7 @@ from tissue_interfaces.srv import (
 
 from support.simulation_process import Client, SimulationProcess, client, eventually, simulation
 from support.split_edit import split_at
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, journal_messages, qos
 from tissue_sim.journal import replay
 
 CORNER = (0.06, 0.06, 0.06)
@@ -57,7 +57,7 @@ def edit_message(peer: Client, x: float = 0.03, request_id: str = "") -> Any:
     mesh = conversions.topology_to_mesh(topology)
     # Versions of single nodes are not in a keyframe; the plan says what it was based on.
     plan = split_at(mesh, x, request_id=request_id)
-    return conversions.edit_to_msg(plan, conversions.epoch_of(topology), "organ", peer.stamp())
+    return edit_messages.edit_to_msg(plan, conversions.epoch_of(topology), "organ", peer.stamp())
 
 
 def test_a_session_is_published_and_its_journal_repeats_it(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_session_is_published_and_its_journal_repeats_it(tmp_path: Path) -> No
             )
             assert list(stamped.tool_ids) == ["grasper"]
             assert process.wait() == 0
-        entries = [conversions.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
+        entries = [journal_messages.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
         assert [entry.frame for entry in entries] == list(range(1, 151))
         mesh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
         result = replay(entries, mesh)
@@ -382,11 +382,11 @@ def test_undo_and_redo_are_answered_and_the_journal_repeats_them(tmp_path: Path)
         mesh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
         fresh = conversions.topology_to_mesh(peer.heard["tissue/topology"][0])
         for message in peer.heard["tissue/edits"]:
-            mesh.apply(conversions.edit_from_msg(message))
+            mesh.apply(edit_messages.edit_from_msg(message))
         np.testing.assert_array_equal(
             mesh.tets[: mesh.element_rows], fresh.tets[: mesh.element_rows]
         )
-        entries = [conversions.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
+        entries = [journal_messages.entry_from_msg(m) for m in peer.heard["tissue/journal"]]
         result = replay(entries, fresh)
         assert result.mismatches == ()
         assert result.simulation.mesh.version == 5

@@ -15,7 +15,7 @@ from support.fake_simulation import FRAME, FakeSimulation, spinning, wait_for
 from support.processes import play_on_block, processes
 from support.sewn_blocks import SIZE, two_blocks
 from support.simulation_process import client
-from tissue_sim import conversions
+from tissue_sim import conversions, journal_messages
 from tissue_sim.journal import epochs_of, replay
 
 SEW, TIGHTEN, REMOVE, LIST = (
@@ -165,7 +165,7 @@ def test_a_script_cuts_and_sews_and_the_session_replays(
         assert tight["sutures"] == sewn["sutures"]
         kinds = [message.kind for message in heard.heard["tissue/edits"]]
         assert kinds == ["split", "suture", "tighten", "undo", "unsuture", "undo"]
-        entries = [conversions.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
+        entries = [journal_messages.entry_from_msg(m) for m in list(heard.heard["tissue/journal"])]
         (epoch,) = epochs_of(entries).values()
         first = heard.first("tissue/topology", lambda m: m.version == 1)
         again = replay(epoch, conversions.topology_to_mesh(first))

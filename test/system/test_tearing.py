@@ -20,7 +20,7 @@ from tissue_interfaces.srv import SetTool, Undo
 from support.processes import Processes, processes
 from support.simulation_process import Client, client, eventually, simulation
 from support.valid_mesh import check_valid
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages
 from tissue_sim.replica import Replica
 
 WIDTH, HEIGHT = 0.03, 0.06
@@ -43,7 +43,7 @@ def followed(seen: Client) -> Replica:
     epoch = conversions.epoch_of(keyframe)
     replica.take_keyframe(epoch, conversions.topology_to_mesh(keyframe))
     for message in list(seen.heard["tissue/edits"]):
-        replica.take_edit(conversions.epoch_of(message), conversions.edit_from_msg(message))
+        replica.take_edit(conversions.epoch_of(message), edit_messages.edit_from_msg(message))
     return replica
 
 

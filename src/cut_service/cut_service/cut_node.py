@@ -32,7 +32,7 @@ from cut_service.tissue_watch import TissueWatch
 from cut_service.waiting import Until
 from cut_service.warm_up import warm_up
 from cut_service.watch_parameters import WATCH_SPECS
-from tissue_sim import conversions, node_main, qos
+from tissue_sim import conversions, edit_messages, node_main, qos
 from tissue_sim.frames import Frames, UnknownFrameError, frame_specs
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.geometry.mesh import Mesh
@@ -110,7 +110,7 @@ class CutNode(Node):
         )
 
     def _on_edit(self, message: messages.TopologyEdit) -> None:
-        edit = conversions.edit_from_msg(message)
+        edit = edit_messages.edit_from_msg(message)
         change = self._replica.take_edit(conversions.epoch_of(message), edit)
         if change is not None:
             self._look_at_organ()
@@ -291,7 +291,7 @@ class CutNode(Node):
                 f"nobody serves {self._apply.srv_name}; nothing was changed",
             )
         stamp = self.get_clock().now().to_msg()
-        edit = conversions.edit_to_msg(planned, epoch, self._frames.organ, stamp)
+        edit = edit_messages.edit_to_msg(planned, epoch, self._frames.organ, stamp)
         futures: list[Future] = []
         # A request can be lost with a simulation that was killed. The edit's request id makes it
         # safe to send it again: a repeat is answered, not applied.

@@ -20,7 +20,7 @@ from cut_service.internal_errors import internal_error
 from cut_service.ledger import Ledger
 from cut_service.patching import PatchCode, PatchError, PatchPlan, Wanted, plan_patch
 from cut_service.waiting import Until
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, qos
 from tissue_sim.frames import UnknownFrameError
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.interaction import rigid
@@ -185,7 +185,7 @@ class PatchServer:
             )
 
     def _done(self, planned: PatchPlan, tool: str, answer: ApplyEdit.Response) -> Outcome:
-        edit: TopologyEdit = conversions.edit_from_msg(answer.applied)
+        edit: TopologyEdit = edit_messages.edit_from_msg(answer.applied)
         patch = edit.added_patches[0]
         words = planned.in_words(patch.name, tool if answer.hold_id else "")
         return Outcome(

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tissue_interfaces.srv import ApplyEdit
 
-from tissue_sim import conversions
+from tissue_sim import edit_messages
 from tissue_sim.geometry.edit import TopologyEdit
 from tissue_sim.replica import Shape
 
@@ -82,6 +82,6 @@ class Proposals:
             request_id=f"{edit.kind}-{uuid.uuid4().hex}",
         )  # fmt: skip
         stamp = self._node.get_clock().now().to_msg()
-        message = conversions.edit_to_msg(named, epoch, frame_id, stamp)
+        message = edit_messages.edit_to_msg(named, epoch, frame_id, stamp)
         self._asked = self._client.call_async(ApplyEdit.Request(edit=message))
         self._since, self._amount = time.monotonic(), amount

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import astuple, fields
 from typing import Any
@@ -13,16 +12,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, PoseStamped, Wrench, WrenchStamped
 from numpy.typing import NDArray
 from std_msgs.msg import Header
-from tissue_interfaces.msg import Command as CommandMsg
-from tissue_interfaces.msg import CutRequest, Journal, Sweep, TissueState, Topology
+from tissue_interfaces.msg import CutRequest, Sweep, TissueState, Topology
 from tissue_interfaces.msg import Patch as PatchMsg
 from tissue_interfaces.msg import Tool as ToolMsg
-from tissue_interfaces.msg import ToolSample as ToolSampleMsg
-from tissue_interfaces.msg import TopologyEdit as EditMsg
 
 from tissue_sim.diagnostics import Finding
-from tissue_sim.frame import Command, Cut, FrameInputs, JournalEntry, ToolSample
-from tissue_sim.geometry.edit import TopologyEdit
+from tissue_sim.frame import Cut, JournalEntry
 from tissue_sim.geometry.incidence import Incidence
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.patches import FIRST_ID as FIRST_PATCH
@@ -38,22 +33,6 @@ from tissue_sim.interaction.cut_response import PARAMETERS as RESPONSE
 
 ALIVE, FIXED, SPRING = 1, 2, 2
 """Bits of Topology.node_flags and element_flags."""
-
-_EDIT_IDS = (
-    "read_nodes", "read_elements", "moved_nodes", "moved_anchors", "copied_nodes", "copy_parents",
-    "rewritten_elements", "rewritten_nodes", "removed_elements", "added_elements", "added_nodes",
-    "added_parents", "merged_nodes", "merged_into", "returned_nodes", "returned_like",
-    "returned_elements", "added_sutures", "suture_nodes", "suture_groups", "removed_sutures",
-    "changed_sutures", "born_nodes", "removed_patches",
-)  # fmt: skip
-_EDIT_REALS = (
-    "moved_rest", "moved_weights", "suture_lengths", "suture_stiffness", "changed_lengths",
-    "born_rest", "born_tissue",
-)  # fmt: skip
-_OF_SUTURES = ("suture_nodes", "suture_lengths", "suture_stiffness", "suture_groups")
-_EDIT_ITEMS = {"moved_anchors": 4, "rewritten_nodes": 4, "added_nodes": 4, "moved_weights": 4}
-_EDIT_ITEMS |= {"moved_rest": 3, "suture_nodes": 2, "born_rest": 3}
-_EDIT_KINDS = ("born_kinds",)
 
 
 def header(frame_id: str, stamp: Time) -> Header:
@@ -376,151 +355,7 @@ def positions_from_state(message: TissueState) -> NDArray[np.float32]:
     return array_of(message.positions, np.float32).reshape(-1, 3)
 
 
-# Edits
-
-
-def edit_to_msg(edit: TopologyEdit, epoch: bytes, frame_id: str, stamp: Time) -> EditMsg:
-    """An edit as a message."""
-    message = EditMsg(
-        header=header(frame_id, stamp),
-        base_version=edit.base_version,
-        version=edit.version,
-        reverts=edit.reverts,
-        base_frame=edit.base_frame,
-        kind=edit.kind,
-        author=edit.author,
-        request_id=edit.request_id,
-    )
-    message.epoch = epoch_field(epoch)
-    for name in (*_EDIT_IDS, *_EDIT_REALS, *_EDIT_KINDS):
-        fill(getattr(message, name), getattr(edit, name))
-    message.added_patches = [patch_to_msg(patch) for patch in edit.added_patches]
-    message.held_by = edit.held_by
-    return message
-
-
-def edit_from_msg(message: EditMsg) -> TopologyEdit:
-    """An edit from a message.
-
-    Raises:
-        ValueError: The length of a list does not fit the others.
-    """
-    arrays: dict[str, Any] = {}
-    dtypes: dict[str, type[np.generic]] = dict.fromkeys(_EDIT_IDS, np.uint32)
-    dtypes |= dict.fromkeys(_EDIT_REALS, np.float64) | dict.fromkeys(_EDIT_KINDS, np.uint8)
-    for name, dtype in dtypes.items():
-        # Bags from before there were undo, sutures or patches lack some.
-        values = array_of(getattr(message, name, ()), dtype)
-        items = _EDIT_ITEMS.get(name)
-        if items and values.size % items:
-            raise ValueError(f"{name} has {values.size} numbers; allowed: a multiple of {items}")
-        arrays[name] = values.reshape(-1, items) if items else values
-    for name, others in (
-        ("moved_nodes", ("moved_rest", "moved_anchors", "moved_weights")),
-        ("copied_nodes", ("copy_parents",)),
-        ("rewritten_elements", ("rewritten_nodes",)),
-        ("added_elements", ("added_nodes", "added_parents")),
-        ("merged_nodes", ("merged_into",)),
-        ("returned_nodes", ("returned_like",)),
-        ("added_sutures", _OF_SUTURES),
-        ("changed_sutures", ("changed_lengths",)),
-        ("born_nodes", ("born_rest",)),
-        ("born_kinds", ("born_tissue",)),
-    ):
-        for other in others:
-            if len(arrays[name]) != len(arrays[other]):
-                raise ValueError(
-                    f"{other} has {len(arrays[other])} items, {name} {len(arrays[name])}"
-                )
-    return TopologyEdit(
-        base_version=int(message.base_version),
-        version=int(message.version),
-        reverts=int(getattr(message, "reverts", 0)),
-        base_frame=int(message.base_frame),
-        kind=message.kind,
-        author=message.author,
-        request_id=message.request_id,
-        held_by=str(getattr(message, "held_by", "")),
-        added_patches=tuple(map(patch_from_msg, getattr(message, "added_patches", ()))),
-        **arrays,
-    )
-
-
-# Journal and cuts
-
-
-def entry_to_msg(
-    entry: JournalEntry, edits: Sequence[EditMsg], frame_id: str, stamp: Time
-) -> Journal:
-    """A journal entry as a message.
-
-    Args:
-        entry: The entry.
-        edits: Its edits as they are published on tissue/edits.
-        frame_id: The organ's frame.
-        stamp: Start of the frame.
-    """
-    message = Journal(
-        header=header(frame_id, stamp),
-        frame=entry.frame,
-        version=entry.version,
-        sim_time=float(entry.sim_time),
-        steps=entry.steps,
-        positions_crc32=entry.crc32,
-    )
-    message.epoch = epoch_field(entry.epoch)
-    message.tools = [_sample_to_msg(sample) for sample in entry.inputs.tools]
-    message.commands = [
-        CommandMsg(
-            kind=command.kind,
-            request_id=command.request_id,
-            arguments=json.dumps(dict(command.arguments)),
-        )
-        for command in entry.inputs.commands
-    ]
-    message.edits = list(edits)
-    return message
-
-
-def entry_from_msg(message: Journal) -> JournalEntry:
-    """A journal entry from a message of rclpy or of a bag reader."""
-    commands = tuple(
-        Command(command.kind, json.loads(command.arguments), command.request_id)
-        for command in message.commands
-    )
-    inputs = FrameInputs(
-        commands=commands,
-        edits=tuple(edit_from_msg(edit) for edit in message.edits),
-        tools=tuple(_sample_from_msg(sample) for sample in message.tools),
-    )
-    return JournalEntry(
-        epoch=epoch_of(message),
-        frame=int(message.frame),
-        version=int(message.version),
-        sim_time=float(message.sim_time),
-        steps=int(message.steps),
-        inputs=inputs,
-        crc32=int(message.positions_crc32),
-    )
-
-
-def _sample_to_msg(sample: ToolSample) -> ToolSampleMsg:
-    message = ToolSampleMsg(
-        id=sample.tool, stamp=stamp_of(sample.stamp), use=bool(sample.use), edge=int(sample.edge)
-    )
-    message.pose = np.asarray(sample.pose, dtype=np.float64)
-    return message
-
-
-def _sample_from_msg(message: ToolSampleMsg) -> ToolSample:
-    edge = int(message.edge)
-    return ToolSample(
-        tool=message.id,
-        pose=np.array([float(value) for value in message.pose]),
-        stamp=nanoseconds_of(message.stamp),
-        use=bool(message.use),
-        edge=1 if edge > 0 else -1 if edge < 0 else 0,
-    )
+# Cuts
 
 
 def cut_request(

@@ -54,8 +54,9 @@ def read_epochs(bag: Path, namespace: str | None = None) -> list[RecordedEpoch]:
         ValueError: The bag cannot be read or holds no journal.
     """
     # Here, so that the numeric library and the command's help need no ROS.
-    from tissue_sim.conversions import entry_from_msg, epoch_of, topology_to_mesh
+    from tissue_sim.conversions import epoch_of, topology_to_mesh
     from tissue_sim.hole_messages import hole_from_msg
+    from tissue_sim.journal_messages import entry_from_msg
     from viz_bridge.bag_reader import only_namespace, read_bag
 
     prefix = only_namespace(bag, namespace)

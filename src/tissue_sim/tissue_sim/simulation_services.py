@@ -23,7 +23,7 @@ from tissue_interfaces.srv import (
     Undo,
 )
 
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages
 from tissue_sim.frame import Answer
 from tissue_sim.geometry.edit import REDO, UNDO
 from tissue_sim.live import LiveSimulation
@@ -159,7 +159,7 @@ class SimulationServices:
             response.version = applied.change.edit.version
             response.hold_id = int(answer.values["hold_id"])
             response.apply_ms = 1e3 * float(applied.seconds)
-            response.applied = conversions.edit_to_msg(
+            response.applied = edit_messages.edit_to_msg(
                 applied.change.edit, answer.values["epoch"], self._frame_id, stamp
             )
         return response
@@ -198,7 +198,7 @@ def _remove_tool(request: Any) -> dict[str, Any]:
 
 
 def _edit(request: Any) -> dict[str, Any]:
-    edit = conversions.edit_from_msg(request.edit)
+    edit = edit_messages.edit_from_msg(request.edit)
     return {"planned": PlannedEdit(edit, conversions.epoch_of(request.edit))}
 
 

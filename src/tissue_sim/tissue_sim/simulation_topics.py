@@ -25,7 +25,7 @@ from tissue_interfaces.msg import (
     TopologyEdit,
 )
 
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, journal_messages, qos
 from tissue_sim.contact_messages import contact_to_msg
 from tissue_sim.diagnostics import Finding
 from tissue_sim.frame import Frame
@@ -72,7 +72,7 @@ class SimulationTopics:
         """Publish a frame's state, edits, cut requests and journal entry."""
         entry = frame.journal
         edits = [
-            conversions.edit_to_msg(edit, entry.epoch, self.frame_id, stamp)
+            edit_messages.edit_to_msg(edit, entry.epoch, self.frame_id, stamp)
             for edit in (applied.change.edit for applied in frame.edits)
         ]
         for edit in edits:
@@ -87,7 +87,7 @@ class SimulationTopics:
             )
         # A replay makes edits of undo and redo anew, from their commands.
         planned = edits[len(edits) - len(entry.inputs.edits) :]
-        self.journal.publish(conversions.entry_to_msg(entry, planned, self.frame_id, stamp))
+        self.journal.publish(journal_messages.entry_to_msg(entry, planned, self.frame_id, stamp))
 
     def publish_state(self, frame: Frame, stamp: Time) -> None:
         """Publish where the nodes are after a frame."""

@@ -12,15 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.compare.subject import Subject
-from tissue_sim.conversions import (
-    edit_from_msg,
-    entry_from_msg,
-    epoch_of,
-    nanoseconds_of,
-    positions_from_state,
-    topology_to_mesh,
-)
+from tissue_sim.conversions import epoch_of, nanoseconds_of, positions_from_state, topology_to_mesh
+from tissue_sim.edit_messages import edit_from_msg
 from tissue_sim.frame import JournalEntry
+from tissue_sim.journal_messages import entry_from_msg
 from tissue_sim.replica import Replica
 from viz_bridge.joining import NEEDED, held_rows, scene_in_the_middle
 from viz_bridge.second_model import SecondModel, checked_subject, merged, only_moves

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.conversions import edit_from_msg, epoch_of, positions_from_state, topology_to_mesh
+from tissue_sim.conversions import epoch_of, positions_from_state, topology_to_mesh
+from tissue_sim.edit_messages import edit_from_msg
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.replica import Replica
 from viz_bridge.cdr import Message

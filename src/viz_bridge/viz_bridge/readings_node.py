@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from tissue_interfaces import msg as messages
 from tissue_interfaces.srv import SetRiskRegion
 
-from tissue_sim import conversions, qos
+from tissue_sim import conversions, edit_messages, qos
 from tissue_sim.condition_topics import material_from_msg
 from tissue_sim.elastic.model import Material
 from tissue_sim.geometry.mesh import Mesh
@@ -111,7 +111,7 @@ class ReadingsNode(Node):
             self._tissue.regions.put(mesh, RiskRegion(name, nodes, margin, limit))
 
     def _on_edit(self, message: messages.TopologyEdit, _: Any) -> None:
-        edit = conversions.edit_from_msg(message)
+        edit = edit_messages.edit_from_msg(message)
         self._replica.take_edit(conversions.epoch_of(message), edit)
 
     def _on_material(self, message: messages.Material, _: Any) -> None:

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from tissue_sim import conversions
+from tissue_sim import edit_messages
 from tissue_sim.geometry.edit import PATCH
 from tissue_sim.geometry.patch_figures import patch_area
 from viz_bridge.cdr import Message
@@ -102,7 +102,7 @@ def _edit_in_words(edit: Message) -> str:
 
 
 def _patch_in_words(message: Message) -> str:
-    edit = conversions.edit_from_msg(message)
+    edit = edit_messages.edit_from_msg(message)
     name = edit.added_patches[0].name if edit.added_patches else PATCH
     carried = f", carried by {edit.held_by}" if edit.held_by else ""
     return (

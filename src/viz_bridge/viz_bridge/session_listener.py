@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.compare.organ import Organ
-from tissue_sim.conversions import entry_from_msg, epoch_of
+from tissue_sim.conversions import epoch_of
 from tissue_sim.elastic.model import Material
 from tissue_sim.journal import JournalError, scene_of
+from tissue_sim.journal_messages import entry_from_msg
 from tissue_sim.report.session import Event
 from tool_input.procedure import ACTIONS
 from viz_bridge.bag_reader import BagMessage

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim import conversions
+from tissue_sim import edit_messages
 from tissue_sim.geometry.edit import PATCH, REDO, UNDO
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.patch_figures import patch_area
@@ -329,7 +329,7 @@ def summarise(
 
 def _patch_document(message: Message, sim_time: float) -> dict[str, Any]:
     """A patch as in summary.json."""
-    edit = conversions.edit_from_msg(message)
+    edit = edit_messages.edit_from_msg(message)
     return {
         "version": int(message.version),
         "sim_time": round(sim_time, 3),

@@ -11,7 +11,7 @@ from tissue_interfaces.msg import Journal, TissueState, Topology, TopologyEdit
 
 from support.small_block import CORNER, block_mesh, block_simulation, pose_of
 from support.split_edit import split_at
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages, journal_messages
 from tissue_sim.frame import Budget, Command, FrameInputs, ToolSample
 from tissue_sim.geometry.edit import TopologyEdit as PlannedEdit
 from tissue_sim.geometry.edit_history import EditHistory
@@ -51,9 +51,9 @@ def test_a_keyframe_is_the_mesh_and_follows_later_edits() -> None:
     replica = conversions.topology_to_mesh(keyframe(mesh))
     assert_same(mesh, replica)
     change = mesh.apply(split_at(mesh, 0.015))
-    message = through_cdr(conversions.edit_to_msg(change.edit, EPOCH, "organ", STAMP))
+    message = through_cdr(edit_messages.edit_to_msg(change.edit, EPOCH, "organ", STAMP))
     assert isinstance(message, TopologyEdit)
-    replica.apply(conversions.edit_from_msg(message))
+    replica.apply(edit_messages.edit_from_msg(message))
     assert_same(mesh, replica)
 
 
@@ -67,8 +67,8 @@ def test_a_keyframe_taken_after_an_undo_follows_a_redo() -> None:
     for step in (history.redo, history.redo, history.undo):
         change = mesh.apply(step(mesh))
         history.record(change)
-        message = through_cdr(conversions.edit_to_msg(change.edit, EPOCH, "organ", STAMP))
-        again = conversions.edit_from_msg(message)
+        message = through_cdr(edit_messages.edit_to_msg(change.edit, EPOCH, "organ", STAMP))
+        again = edit_messages.edit_from_msg(message)
         assert (again.kind, again.reverts) == (change.edit.kind, change.edit.reverts)
         replica.apply(again)
         assert_same(mesh, replica)
@@ -99,10 +99,10 @@ def test_a_journal_entry_comes_back_as_it_was() -> None:
     sample = ToolSample("grasper", pose_of(np.add(CORNER, 0.1)), 3_000_000_001, True, -1)
     plan = split_at(simulation.mesh, 0.03)
     entry = simulation.advance(FrameInputs(commands, (plan,), (sample,)), Budget(steps=2)).journal
-    edits = [conversions.edit_to_msg(e, entry.epoch, "organ", STAMP) for e in entry.inputs.edits]
-    message = through_cdr(conversions.entry_to_msg(entry, edits, "organ", STAMP))
+    edits = [edit_messages.edit_to_msg(e, entry.epoch, "organ", STAMP) for e in entry.inputs.edits]
+    message = through_cdr(journal_messages.entry_to_msg(entry, edits, "organ", STAMP))
     assert isinstance(message, Journal)
-    again = conversions.entry_from_msg(message)
+    again = journal_messages.entry_from_msg(message)
     assert again.inputs.commands == entry.inputs.commands
     assert (again.epoch, again.frame, again.steps) == (entry.epoch, entry.frame, entry.steps)
     assert (again.crc32, again.sim_time) == (entry.crc32, entry.sim_time)
@@ -135,4 +135,4 @@ def test_lists_of_different_lengths_are_refused(field: str, values: list, said: 
     message = TopologyEdit()
     getattr(message, field).extend(values)
     with pytest.raises(ValueError, match=said):
-        conversions.edit_from_msg(message)
+        edit_messages.edit_from_msg(message)

@@ -22,7 +22,7 @@ from support.sheets import connected
 from support.small_block import pose_of, tool_at
 from support.split_edit import split_at
 from support.valid_mesh import check_valid
-from tissue_sim import conversions, snapshot
+from tissue_sim import conversions, edit_messages, snapshot
 from tissue_sim.elastic.springs import SpringNetwork
 from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, JournalEntry, ToolSample
 from tissue_sim.geometry.edit import NO_PARENT, PROVISIONAL, EditError, TopologyEdit
@@ -318,8 +318,8 @@ def test_messages_carry_patches_to_those_who_follow_and_to_those_who_come_late(o
     def apply(edit: TopologyEdit) -> TopologyEdit:
         change = mesh.apply(edit)
         history.record(change)
-        sent = conversions.edit_to_msg(change.edit, epoch, "organ", Time())
-        got = conversions.edit_from_msg(sent)
+        sent = edit_messages.edit_to_msg(change.edit, epoch, "organ", Time())
+        got = edit_messages.edit_from_msg(sent)
         assert got.added_patches == change.edit.added_patches
         follower.take_edit(epoch, got)
         late.take_edit(epoch, got)

@@ -17,7 +17,7 @@ from cut_service.errors import CutCode, CutError
 from cut_service.planner import plan
 from cut_service.sweep import Sweep
 from support.sheets import EVERYTHING, ball, connected, lattice, sheet_mesh, shell
-from tissue_sim import conversions, snapshot
+from tissue_sim import conversions, edit_messages, snapshot
 from tissue_sim.default_procedure import default_procedure
 from tissue_sim.geometry.components import parts_of
 from tissue_sim.geometry.connected_surfaces import opposite_side
@@ -248,8 +248,8 @@ def test_a_cut_sheet_survives_messages_and_files(tmp_path: Path) -> None:
         assert other.sheet.volumes.sum() == pytest.approx(mesh.sheet.volumes.sum())
     # Who joined late has the same rows, and follows what comes then.
     edit = mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], second).edit).edit
-    sent = conversions.edit_to_msg(edit, bytes(16), "organ", Time())
-    late.apply(conversions.edit_from_msg(sent))
+    sent = edit_messages.edit_to_msg(edit, bytes(16), "organ", Time())
+    late.apply(edit_messages.edit_from_msg(sent))
     for name in ("triangles", "springs", "categories", "volumes", "thickness", "walls"):
         np.testing.assert_array_equal(getattr(late.sheet, name), getattr(mesh.sheet, name))
     assert len(surface_of(mesh).inside.triangles) == len(mesh.sheet.walls) > 0

@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Time
 
 from support.sewn_blocks import sew_edit, tighten_edit, two_blocks
 from support.split_edit import split_at
-from tissue_sim import conversions, snapshot
+from tissue_sim import conversions, edit_messages, snapshot
 from tissue_sim.frame import Answer, Budget, Command, Frame, FrameInputs, JournalEntry
 from tissue_sim.geometry.edit import PROVISIONAL, EditError, StaleEditError, TopologyEdit
 from tissue_sim.geometry.edit_history import EditHistory
@@ -290,8 +290,8 @@ def test_a_late_joiner_knows_the_stitches_and_follows_the_next_ones() -> None:
     for number in (0, 1):
         plan = tighten_edit(mesh, 0.0) if number else sew_edit(mesh, left[6:], right[6:])
         applied = mesh.apply(plan).edit
-        sent = conversions.edit_to_msg(applied, epoch, "organ", Time())
-        replica.take_edit(epoch, conversions.edit_from_msg(sent))
+        sent = edit_messages.edit_to_msg(applied, epoch, "organ", Time())
+        replica.take_edit(epoch, edit_messages.edit_from_msg(sent))
     assert replica.gaps == 0
     assert equal(replica.mesh.sutures, mesh.sutures)
 

@@ -12,7 +12,7 @@ from tissue_interfaces.msg import Playback, TissueState
 from support.bags import ROOMY, put
 from support.recorded_pull import START, pull_bag
 from support.small_block import pose_of
-from tissue_sim import conversions
+from tissue_sim import conversions, edit_messages, journal_messages
 from tissue_sim.frame import Answer, Frame
 from tissue_sim.interaction.tracker import ToolLimits
 from tissue_sim.journal import replay
@@ -70,7 +70,7 @@ class WatchedBag:
             keyframe = conversions.mesh_to_topology(mesh, epoch, "organ", stamp)
             put(self.writer, "/tissue/topology", keyframe, self.at)
         edits = [
-            conversions.edit_to_msg(applied.change.edit, epoch, "organ", stamp)
+            edit_messages.edit_to_msg(applied.change.edit, epoch, "organ", stamp)
             for applied in frame.edits
         ]
         for edit in edits:
@@ -79,7 +79,7 @@ class WatchedBag:
         state.epoch, state.version = conversions.epoch_field(epoch), entry.version
         conversions.fill_state(state, frame.positions)
         put(self.writer, "/tissue/state", state, self.at)
-        message = conversions.entry_to_msg(entry, edits, "organ", stamp)
+        message = journal_messages.entry_to_msg(entry, edits, "organ", stamp)
         put(self.writer, "/tissue/journal", message, self.at)
 
 

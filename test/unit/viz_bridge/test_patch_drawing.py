@@ -11,7 +11,7 @@ from tissue_interfaces.msg import Journal
 from support.patches import patch_edit
 from support.sewn_blocks import two_blocks
 from support.sheets import connected
-from tissue_sim import conversions
+from tissue_sim import edit_messages
 from tissue_sim.geometry.edit import PATCH as ADDS_PATCH
 from tissue_sim.geometry.mesh import Mesh
 from viz_bridge.organ_surface import PATCH, SurfacePart, surface_of
@@ -47,7 +47,7 @@ def test_an_event_says_name_nodes_area_and_who_carries_it() -> None:
         named = replace(edit.added_patches[0], name="pericardium")
         applied = mesh.apply(replace(edit, added_patches=(named,), held_by="forceps")).edit
         stamp = Journal().header.stamp
-        entry = Journal(edits=[conversions.edit_to_msg(applied, b"\0" * 16, "organ", stamp)])
+        entry = Journal(edits=[edit_messages.edit_to_msg(applied, b"\0" * 16, "organ", stamp)])
         (event,) = journal_events(entry, {})
         assert event.kind == ADDS_PATCH
         assert event.text == "pericardium: 40 nodes, 2 cm2, carried by forceps (version 2)"

@@ -15,12 +15,12 @@ from tissue_interfaces import msg
 from tissue_sim import qos
 from tissue_sim.conversions import (
     array_of,
-    edit_from_msg,
     epoch_of,
     pose_array,
     positions_from_state,
     topology_to_mesh,
 )
+from tissue_sim.edit_messages import edit_from_msg
 from tissue_sim.geometry.holes import Hole
 from tissue_sim.hole_messages import hole_from_msg
 from tissue_sim.polled_subscriptions import PolledSubscriptions
