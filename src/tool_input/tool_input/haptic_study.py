@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from tissue_sim.bench import machine
 from tissue_sim.free_domain import choose_domain
@@ -69,47 +68,43 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
     return rows
 
 
-def print_tables(result: dict[str, Any], console: Console) -> None:
-    """Print what was measured."""
-    if result["live"]:
-        table = Table(title="forces of the real node, beside the simulation")
-        heads = (
-            "scene",
-            "asked",
-            "forces/s",
-            "between p99",
-            "pose to force p50",
-            "p99",
-            "frames/s",
+def live_table(result: dict[str, Any]) -> str:
+    """Rates and latencies of the real node."""
+    lines = [
+        "| scene | asked | forces a second | between two, p99 | pose to force, p50 | p99 | frames/s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in result["live"]:
+        between, latency = row["between_forces_ms"], row["pose_to_force_ms"]
+        lines.append(
+            f"| {row['scene']} | {row['rate_hz']:g} Hz | {row['forces_per_second']:.0f} "
+            f"| {between['p99']:.1f} ms | {latency['p50']:.1f} ms | {latency['p99']:.1f} ms "
+            f"| {float(row['tissue_sim: loop']['achieved_rate_hz']):.1f} |"
         )
-        for head in heads:
-            table.add_column(head, justify="right")
-        for row in result["live"]:
-            between, latency = row["between_forces_ms"], row["pose_to_force_ms"]
-            table.add_row(
-                row["scene"], f"{row['rate_hz']:g} Hz", f"{row['forces_per_second']:.0f}",
-                f"{between['p99']:.2f} ms", f"{latency['p50']:.2f} ms", f"{latency['p99']:.2f} ms",
-                row["tissue_sim: loop"]["achieved_rate_hz"],
-            )  # fmt: skip
-        console.print(table)
-    table = Table(title="what a contact model costs the simulation")
-    for head in ("scene", "contact", "nodes", "time"):
-        table.add_column(head, justify="right")
-    for row in result["models"]:
-        time = f"{row['model_us']:.0f} us"
-        table.add_row(row["scene"], row["kind"], str(row["nodes"]), time)
-    console.print(table)
-    table = Table(title="speed of a mass after its bounce over that before (no damping)")
-    table.add_column("stiffness, delay")
-    for rendering in RENDERINGS:
-        table.add_column(rendering, justify="right")
+    return "\n".join(lines)
+
+
+def cost_table(result: dict[str, Any]) -> str:
+    """What a contact model costs the simulation."""
+    lines = ["| scene | contact | nodes | a model |", "|---|---|---|---|"]
+    lines += [
+        f"| {row['scene']} | {row['kind']} | {row['nodes']} | {row['model_us']:.0f} µs |"
+        for row in result["models"]
+    ]
+    return "\n".join(lines)
+
+
+def stability_table(result: dict[str, Any]) -> str:
+    """Bounces off walls without damping."""
+    lines = [
+        "| stiffness | delay | " + " | ".join(RENDERINGS) + " |",
+        "|---|---|---|---|---|",
+    ]
     for row in result["stability"]:
         if row["damping"] == 0.0:
-            table.add_row(
-                f"{row['stiffness']:g} N/m, {1e3 * row['delay']:g} ms",
-                *(f"{row[rendering]:.2f}" for rendering in RENDERINGS),
-            )
-    console.print(table)
+            speeds = " | ".join(f"{row[rendering]:.2f}" for rendering in RENDERINGS)
+            lines.append(f"| {row['stiffness']:g} N/m | {1e3 * row['delay']:g} ms | {speeds} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -134,7 +129,8 @@ def main() -> None:
     if chosen.out is not None:
         chosen.out.parent.mkdir(parents=True, exist_ok=True)
         write_json(chosen.out, result)
-    print_tables(result, console)
+    for table in (live_table, cost_table, stability_table):
+        console.print(table(result), markup=False, soft_wrap=True)
 
 
 if __name__ == "__main__":
