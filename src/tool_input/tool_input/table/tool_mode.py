@@ -140,6 +140,8 @@ class ToolMode:
 
     def _press_here(self, pressed: bool) -> None:
         tool = self._ready()
+        if tool.pressed == pressed:
+            return  # The box follows the tool, and says so.
         if tool.pose is None:
             tool.move(self._scene.placement.centre, UPRIGHT)
         self._use(pressed)

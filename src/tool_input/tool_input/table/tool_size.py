@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -70,8 +71,7 @@ class ToolSize:
             changed: Called after each change.
         """
         largest = self.organ / 4 / MM
-        step = max(round(largest / 200, 1), 0.1)
-        least = min(0.1, largest / 10)
+        step = least = 10.0 ** math.floor(math.log10(largest / 100))
         shape = gui.add_dropdown("Shape", shapes, initial_value=self.shape)
         radius = gui.add_slider("Radius [mm]", least, largest, step, min(self.radius / MM, largest))
         length = gui.add_slider("Length [mm]", least, 2 * largest, step, self.length / MM)
