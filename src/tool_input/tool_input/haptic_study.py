@@ -71,7 +71,7 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
 def live_table(result: dict[str, Any]) -> str:
     """Rates and latencies of the real node."""
     lines = [
-        "| scene | asked | forces a second | between two, p99 | pose to force, p50 | p99 | frames/s |",
+        "| scene | asked | forces/s | between, p99 | pose to force, p50 | p99 | frames/s |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in result["live"]:
