@@ -173,6 +173,9 @@ class Hand:
             ],
         )  # fmt: skip
         self._window.press(self._start)
+        # The first move of a drag only begins it.
+        self._window.pull(self._start, self._start + WAY, 2)
+        self._window.move(self._start)
         page.wait_for_timeout(2e3 * rest)
         self._forget()
         for move in range(count):
