@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tissue_sim.playback.recording import Recording
 from tissue_sim.session_bag import read_epochs
-from viz_bridge.bag_reader import BagMessage, only_namespace, read_bag, summaries
+from viz_bridge.bag_reader import BagMessage, attachments, only_namespace, read_bag, summaries
 from viz_bridge.bag_recovery import origin_of
 from viz_bridge.bag_writer import BagOptions, BagWriter, Origin
 from viz_bridge.provenance import provenance
@@ -115,6 +115,8 @@ def write_branch(
                 "branch_frame": str(point.frame),
             },
         )
+        for name, content in attachments(watched).items():
+            writer.attach(name, "application/octet-stream", content)
         for bag, messages in ((parent, head), (watched, tail)):
             origins = {
                 topic.replace(prefix, live_prefix, 1) if bag is parent else topic: origin
@@ -161,13 +163,14 @@ def _head(
     """
     start, _ = _span(parent, prefix, epoch, range(1, 2))
     _, end = _span(parent, prefix, epoch, range(1, point.frame + 1))
+    last = point.frame, point.version
     latched: dict[str, BagMessage] = {}
     for item in read_bag(parent):
         name = item.topic.removeprefix(prefix)
         if not name.startswith(_OF_ORGAN):
             continue
         if name in _NUMBERED:
-            wanted = epoch in item.data and not _after(name, item, point)
+            wanted = epoch in item.data and _number(name, item) <= last[name in _VERSIONED]
         else:
             wanted = start <= item.log_time <= end and name != PLAYBACK
             if name in _LATCHED and item.log_time < start:
@@ -187,23 +190,17 @@ def _head(
 
 
 def _tail(watched: Path, prefix: str, point: BranchPoint, begins: int) -> Iterator[BagMessage]:
-    """What was recorded of a watched session after the branch."""
+    """What was recorded of a watched session after the branch, which is an epoch of its own."""
     for item in read_bag(watched):
-        name = item.topic.removeprefix(prefix)
-        if name in _NUMBERED and point.branch in item.data:
-            wanted = _after(name, item, point)
-        else:
-            wanted = item.log_time >= begins
-        if wanted:
+        of_branch = item.topic.removeprefix(prefix) in _NUMBERED and point.branch in item.data
+        if of_branch or item.log_time >= begins:
             yield item
 
 
-def _after(name: str, item: BagMessage, point: BranchPoint) -> bool:
-    """Whether a message of the epoch was made after the branch."""
+def _number(name: str, item: BagMessage) -> int:
+    """Version or frame that a message belongs to."""
     message = item.message
-    if name in _VERSIONED:
-        return bool(message.version > point.version)
-    return bool(message.frame > point.frame)
+    return int(message.version if name in _VERSIONED else message.frame)
 
 
 def _origins(bag: Path) -> dict[str, Origin]:

@@ -53,7 +53,7 @@ def replay(
 ) -> None:
     """Simulate a recorded session again from its journal.
 
-    Says whether every frame came out as recorded, bit for bit, and writes the final positions [m].
+    Says whether every frame came out as recorded, bit for bit, and writes the final positions in m.
     With another model there is nothing to compare: it shows what that model does with the same
     hands. Exit code 1 if a frame came out differently.
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tissue_sim.frame import Answer
-from tissue_sim.playback.branch import Branch
 from tissue_sim.playback.clock import checked_rate
 from tissue_sim.requests import Request, refuse
 
@@ -117,7 +116,7 @@ def _take_over(played: PlayedSimulation, tools: Sequence[str]) -> str:
     if played.branch is not None and not wanted:
         raise PlaybackError("INVALID", "every tool is taken over already")
     if played.branch is None:
-        played.clock.paused, played.clock.rate = False, 1.0
-        played.branch = Branch(played.simulation.epoch.hex(), played.simulation.frame)
+        played.begin_branch()
+    assert played.branch is not None
     played.branch.taken |= wanted
     return f"taken over: {', '.join(sorted(wanted)) or 'no tool'}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -201,9 +202,7 @@ class PlayedSimulation(LiveSimulation):
         if player.simulation.epoch != self._shown:
             # Its keyframe has those of frames that were not shown.
             edits = frame.edits
-            self._shown = player.simulation.epoch
-            start = player.recording.epoch_at(player.frame).start
-            self._switch((player.simulation, start, self._prepare(player.simulation)))
+            self._show_another_epoch()
         elif frame.tools_changed:
             self._follow_tools()
         self._follow(frame)
@@ -213,6 +212,12 @@ class PlayedSimulation(LiveSimulation):
         events, self._notes = (*self._notes, *frame.events), []
         # The recording has the edits of its cuts: nobody shall plan them again.
         return replace(frame, edits=edits, cuts=(), events=events)
+
+    def _show_another_epoch(self) -> None:
+        player = self.player
+        self._shown = player.simulation.epoch
+        start = player.recording.epoch_at(max(player.frame, 1)).start
+        self._switch((player.simulation, start, self._prepare(player.simulation)))
 
     def _recorded(self) -> JournalEntry | None:
         """The recorded frame that a branch goes on with; None: there is none any more."""
@@ -239,6 +244,13 @@ class PlayedSimulation(LiveSimulation):
             self.branch.hand_over(tool)
 
     # What people ask for
+
+    def begin_branch(self) -> None:
+        """Go on live from here, in an epoch of its own: what was planned before is stale."""
+        self.clock.paused, self.clock.rate = False, 1.0
+        self.simulation.epoch = os.urandom(16)
+        self._show_another_epoch()
+        self.branch = Branch(self.simulation.epoch.hex(), self.simulation.frame)
 
     def postpone(self, request: Request) -> None:
         """Answer a request when the time that is sought is reached."""
