@@ -71,6 +71,10 @@ class HapticNode(Node):
         self.create_timer(LOOK_SECONDS, self._look)
         self._stop = threading.Event()
         prepare_process()
+        # As in the simulation: the loop waits for the middleware's threads.
+        refused = take_priority(max(values["realtime_priority"] - 1, 0), everywhere=True)
+        if refused:
+            self.get_logger().info(refused)
         self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
         self._thread.start()
 
@@ -88,9 +92,7 @@ class HapticNode(Node):
     # The loop thread
 
     def _run(self) -> None:
-        refused = take_priority(self._values["realtime_priority"])
-        if refused:
-            self.get_logger().info(refused)
+        take_priority(self._values["realtime_priority"])
         try:
             self._rate.start()
             while self._rate.wait(self._stop):

@@ -22,8 +22,10 @@ from tool_input.haptics.model_cost import model_costs
 
 TOWARDS = {"wall": (0.0, 0.0, -1.0), "heart": (-1.0, 0.0, 0.0)}
 """How each organ is pressed: the wall from above, the heart from the front."""
-RATES = ((500.0, 500.0), (1000.0, 500.0))
-"""Of the haptic node and of the arm [Hz]."""
+RUNS = ((500.0, 0), (1000.0, 0), (1000.0, 20))
+"""Rates of the haptic node [Hz] and its real-time priorities."""
+ARM_HZ = 500.0
+"""Poses per second of the arm."""
 STIFFNESS = (100.0, 300.0, 1000.0, 2000.0)
 DAMPING = (0.0, 2.0, 10.0)
 DELAY = (0.002, 0.01, 0.03)
@@ -55,14 +57,14 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
     """The real node beside the simulation of each scene."""
     rows = []
     for scene in scenes:
-        for rate_hz, arm_hz in RATES:
+        for rate_hz, priority in RUNS:
             towards = np.array(TOWARDS[scene])
-            found = measure(find_scene(scene), towards, rate_hz, arm_hz, seconds)
+            found = measure(find_scene(scene), towards, rate_hz, ARM_HZ, priority, seconds)
             rows.append({"scene": scene, **found})
             latency = found["pose_to_force_ms"]
             console.print(
-                f"{scene} at {rate_hz:g} Hz: {found['forces_per_second']:.0f} forces/s, pose to "
-                f"force {latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
+                f"{scene} at {rate_hz:g} Hz, priority {priority}: "
+                f"{found['forces_per_second']:.0f} forces/s, pose to force {latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
                 highlight=False,
             )
     return rows
@@ -71,13 +73,15 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
 def live_table(result: dict[str, Any]) -> str:
     """Rates and latencies of the real node."""
     lines = [
-        "| scene | asked | forces/s | between, p99 | pose to force, p50 | p99 | frames/s |",
-        "|---|---|---|---|---|---|---|",
+        "| scene | asked | priority | load | forces/s | between, p99 | pose to force, p50 | p99 "
+        "| frames/s |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["live"]:
         between, latency = row["between_forces_ms"], row["pose_to_force_ms"]
         lines.append(
-            f"| {row['scene']} | {row['rate_hz']:g} Hz | {row['forces_per_second']:.0f} "
+            f"| {row['scene']} | {row['rate_hz']:g} Hz | {row['realtime_priority'] or 'none'} "
+            f"| {row['load_average']:.0f} | {row['forces_per_second']:.0f} "
             f"| {between['p99']:.1f} ms | {latency['p50']:.1f} ms | {latency['p99']:.1f} ms "
             f"| {float(row['tissue_sim: loop']['achieved_rate_hz']):.1f} |"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -33,7 +34,12 @@ ARM, TOOL = "arm", "finger"
 
 
 def measure(
-    scene: SceneFile, towards: NDArray[np.float64], rate_hz: float, arm_hz: float, seconds: float
+    scene: SceneFile,
+    towards: NDArray[np.float64],
+    rate_hz: float,
+    arm_hz: float,
+    priority: int,
+    seconds: float,
 ) -> dict[str, Any]:
     """Press a scene's organ with a probe that a virtual arm moves, and measure the forces.
 
@@ -42,6 +48,7 @@ def measure(
         towards: Direction the probe presses in, along an axis, shape (3,).
         rate_hz: Of the haptic node.
         arm_hz: Poses per second of the arm.
+        priority: Real-time priority of the haptic node; 0: none.
         seconds: How long.
 
     Raises:
@@ -62,7 +69,7 @@ def measure(
             stroke = ((CLEAR + DEEP) * towards).tolist()
             haptic = run(
                 "tool_input.haptic_node", "-p", f"arm:={ARM}", "-p", f"tool:={TOOL}",
-                "-p", f"rate_hz:={rate_hz}",
+                "-p", f"rate_hz:={rate_hz}", "-p", f"realtime_priority:={priority}",
             )  # fmt: skip
             arm = run(
                 "tool_input.virtual_arm_node", "-p", f"arm:={ARM}", "-p", f"rate_hz:={arm_hz}",
@@ -81,7 +88,8 @@ def measure(
                 process.send_signal(signal.SIGTERM)
                 process.wait(timeout=END_SECONDS)
             measured: dict[str, Any] = json.loads((out / "arm.json").read_text())
-    return {"rate_hz": rate_hz, "arm_hz": arm_hz, **measured, **findings}
+    asked = {"rate_hz": rate_hz, "arm_hz": arm_hz, "realtime_priority": priority}
+    return {**asked, **measured, "load_average": os.getloadavg()[0], **findings}
 
 
 def _message(heard: dict[str, Any], name: str) -> str:

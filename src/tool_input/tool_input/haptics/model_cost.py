@@ -54,7 +54,7 @@ def outermost(mesh: Mesh, towards: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def model_costs(scene: SceneFile, towards: NDArray[np.float64]) -> list[dict[str, float | str]]:
-    """Median time of one contact model of each kind of contact, with the most nodes it was made of.
+    """Median processor time of a contact model by kind of contact, and the most nodes it had.
 
     Args:
         scene: Whose organ is pressed and held where a probe would press it.
@@ -75,10 +75,10 @@ def model_costs(scene: SceneFile, towards: NDArray[np.float64]) -> list[dict[str
             edge: Edge = 0 if frame else 1
             samples = (ToolSample("tool", pose, 0, True, edge),)
             simulation.advance(FrameInputs(tools=samples), Budget(steps=1))
-            begun = time.perf_counter()
+            begun = time.thread_time()
             model = contacts.of(simulation, "tool")
             if model.contact:
-                taken.append(time.perf_counter() - begun)
+                taken.append(time.thread_time() - begun)
                 nodes = max(nodes, len(simulation.holds.rows) + len(simulation.probes.rows))
         rows.append({"kind": kind, "nodes": nodes, "model_us": 1e6 * float(np.median(taken))})
     return rows
