@@ -1,8 +1,8 @@
 #!/bin/bash
 # Lint, format, types and tests against install/; pytest comes last and runs in any case.
 # The status is pytest's, or 1 where the tests passed and something before them did not.
-# Arguments go to pytest. Without any, tests within one process run on two cores, those of several
-# processes alone after them.
+# Arguments go to pytest. Without any, tests within one process run on two cores; after them those of
+# several processes, two files at a time, since they mostly wait for each other.
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . scripts/env.sh
@@ -19,7 +19,7 @@ if [ $# -gt 0 ]; then
 else
   python -P -m pytest -n 2 --dist loadfile test/unit test/physics
   status=$?
-  python -P -m pytest test/system || status=$?
+  python -P -m pytest -n 2 --dist loadfile test/system || status=$?
 fi
 if [ $lint -ne 0 ]; then
   echo "Lint, format or types failed: see above the tests." >&2
