@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.split_block import split_plan
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block, sphere_shell
 from tool_input.table.contour_bands import SurfaceEdges, contour_bands, surface_edges
 from tool_input.table.surface_parts import SurfacePart, tissue_parts
 from tool_input.table.tissue_frame import Surface
+from viz_bridge.organ_surface import INSIDE, OUTSIDE
 
 COLORS = [(10, 0, 0), (20, 0, 0), (30, 0, 0), (40, 0, 0)]
 LEVELS = [-0.5, 0.0, 0.5]
@@ -104,3 +106,12 @@ def test_tissue_is_shown_whole_and_once_for_all_windows() -> None:
     parts = tissue_parts(surface, mesh)
     assert sum(len(part.triangles) for part in parts) == len(edges.triangles)
     assert tissue_parts(surface, mesh) is parts
+
+
+def test_what_a_cut_has_opened_has_a_colour_of_its_own() -> None:
+    mesh = Mesh(block(5, 5, 3, 0.04, 0.04, 0.02))
+    before = {part.color: area(part, mesh.rest) for part in tissue_parts(Surface.of(mesh), mesh)}
+    mesh.apply(split_plan(mesh))
+    after = {part.color: area(part, mesh.rest) for part in tissue_parts(Surface.of(mesh), mesh)}
+    assert list(before) == [tuple(OUTSIDE.astype(int))]
+    assert after == pytest.approx({**before, tuple(INSIDE.astype(int)): 2 * 0.02 * 0.02}, rel=1e-5)

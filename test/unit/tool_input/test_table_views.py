@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from support.split_block import split_plan
 from tissue_sim.geometry.holes import HoleLostError
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.scene_geometry import load
@@ -280,6 +281,15 @@ def test_a_quantity_is_drawn_as_it_is_heard_and_ones_of_another_name_are_not() -
     assert (quantity_values("von_mises_stress", later, before) == 7.0).all()
     stretched = quantity_values("displacement", frame_of(mesh, surface, 1.5))
     assert stretched == pytest.approx(np.linalg.norm(mesh.rest[: mesh.node_rows], axis=1) / 2)
+
+
+def test_until_values_of_a_cut_come_copies_have_those_of_their_node() -> None:
+    mesh = block_mesh()
+    before = np.arange(float(mesh.node_rows))
+    mesh.apply(split_plan(mesh))
+    values = quantity_values("von_mises_stress", frame_of(mesh, Surface.of(mesh)), before)
+    assert mesh.node_rows > len(before)
+    assert (values == mesh.node_parents[: mesh.node_rows]).all()
 
 
 def test_colours_wait_while_the_shape_follows() -> None:

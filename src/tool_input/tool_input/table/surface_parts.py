@@ -44,16 +44,16 @@ class SurfacePart:
             corners.reshape(-1, 3).astype(np.uint32),
         )  # fmt: skip
 
-    def vertices(self, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+    def vertices(self, positions: NDArray[np.floating]) -> NDArray[np.floating]:
         """Where the vertices are.
 
         Args:
             positions: Where the nodes are, shape (node_rows, 3).
 
         Returns:
-            In the unit of `positions`, float32, shape (n, 3).
+            In the unit of `positions`, shape (n, 3).
         """
-        start = positions[self.first]
+        start: NDArray[np.floating] = positions[self.first]
         if self.first is self.second:
             return start
         return start + self.weights[:, None] * (positions[self.second] - start)
