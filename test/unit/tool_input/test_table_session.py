@@ -27,7 +27,7 @@ def test_the_page_listens_where_it_is_told_to_and_only_there(tmp_path: Path) -> 
     assert "table" not in process_specs(plan_run(options(tmp_path, headless=True))[0])
 
 
-@pytest.mark.parametrize("host", ["192.0.2.1", "a.invalid", "::ffff:1:2:3:4:5:6:7"])
+@pytest.mark.parametrize("host", ["192.0.2.1", "::ffff:1:2:3:4:5:6:7"])
 def test_an_address_of_no_machine_or_another_one_is_refused(host: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"allowed: 127\.0\.0\.1"):
         plan_run(options(tmp_path / "not made", bind=host))
