@@ -22,6 +22,7 @@ from tissue_sim.readings.fields import UNITS
 from tool_input.table.color_bar import ShownUnit, color_bar, legend
 from tool_input.table.organ_view import RECOLOR_PERIOD, OrganView
 from tool_input.table.page_scene import PageScene, Placement
+from tool_input.table.range_controls import RangeControls
 from tool_input.table.scalar_scale import (
     BANDS,
     DIFFERENCE,
@@ -445,3 +446,54 @@ def test_threads_and_edges_of_holes_come_follow_the_tissue_and_go() -> None:
     mesh.sutures = Sutures()
     lines.show(frame_of(mesh, surface))
     assert not scene.nodes
+
+
+# The range that is kept
+
+
+class FakeGui:
+    """Controls without a browser: what they hold, and what is called when a person changes it."""
+
+    def __init__(self) -> None:
+        self.controls: dict[str, Any] = {}
+
+    def _add(self, label: str, value: Any = None, **more: Any) -> Any:
+        control = SimpleNamespace(value=more.pop("initial_value", value), **more, act=None)
+        control.on_update = lambda act: setattr(control, "act", act)
+        self.controls[label] = control
+        return control
+
+    add_checkbox = add_number = _add
+
+    def change(self, label: str, value: Any) -> None:
+        self.controls[label].value = value
+        self.controls[label].act()
+
+
+def test_a_range_is_kept_in_the_unit_it_is_written_in_until_another_quantity_is_chosen() -> None:
+    mesh = block_mesh()
+    surface = Surface.of(mesh)
+    _, view, _ = view_of(mesh)
+    gui = FakeGui()
+    person = SimpleNamespace(in_turn=lambda act: act)
+    controls = RangeControls(person, gui, view)  # type: ignore[arg-type]
+    view.choose("displacement")
+    view.show(frame_of(mesh, surface, 1.5))
+    controls.show()
+    assert gui.controls["Fixed range"].visible
+    gui.change("Fixed range", True)
+    controls.show()
+    assert view.fixed_scale == view.scale
+    assert view.scale is not None
+    assert gui.controls["To"].value == pytest.approx(1e3 * view.scale.high)
+    gui.change("To", 7.5)
+    assert view.fixed_scale == Scale(0.0, 0.0075)
+    view.show(frame_of(mesh, surface, 3.0))
+    assert ">7.5<" in view.bar
+    with pytest.raises(ValueError, match="the lower first"):
+        gui.change("From", 8.0)
+    view.choose("strain")
+    controls.show()
+    assert view.fixed_scale is None
+    assert not gui.controls["Fixed range"].value
+    assert not gui.controls["To"].visible

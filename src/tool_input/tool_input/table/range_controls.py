@@ -10,6 +10,9 @@ from tool_input.table.organ_view import OrganView
 from tool_input.table.person import Person
 from tool_input.table.scalar_scale import Scale
 
+STEP = 0.001
+"""Of the ends of a range, in the unit they are written in."""
+
 
 class RangeControls:
     """Whether the range follows the values, and if not, where it begins and ends."""
@@ -24,8 +27,8 @@ class RangeControls:
         """
         self._organ = organ
         self._fixed = gui.add_checkbox("Fixed range", initial_value=False, visible=False)
-        self._low = gui.add_number("From", 0.0, visible=False)
-        self._high = gui.add_number("To", 1.0, visible=False)
+        self._low = gui.add_number("From", 0.0, step=STEP, visible=False)
+        self._high = gui.add_number("To", 1.0, step=STEP, visible=False)
         self._fixed.on_update(person.in_turn(self._hold))
         self._low.on_update(person.in_turn(self._set))
         self._high.on_update(person.in_turn(self._set))
