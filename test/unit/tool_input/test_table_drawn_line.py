@@ -133,6 +133,19 @@ def test_a_line_across_a_wall_in_an_oblique_view_parts_it(eye: tuple[float, ...]
     assert (before.components, after.components) == (1, 2)
 
 
+def test_a_line_all_around_cuts_a_piece_out() -> None:
+    """It ends five millimetres before where it began."""
+    mesh = wall_mesh()
+    sight = sight_of(mesh)
+    angle = np.linspace(0.0, 2.0 * np.pi - 0.3, 60)
+    around = [[0.03 + 0.016 * np.cos(a), 0.03 + 0.016 * np.sin(a), THICK] for a in angle]
+    sheet = drawn((0.05, 0.02, 0.3), around).sheet(sight, ended=True)
+    np.testing.assert_array_equal(sheet.near[0], sheet.near[-1])
+    sweep = Sweep.from_arrays(sheet.vertices, sheet.triangles)
+    mesh.apply(plan(mesh, mesh.rest[: mesh.node_rows], sweep).edit)
+    assert check_valid(mesh).components == 2
+
+
 def test_a_line_that_ends_in_the_middle_is_not_made_longer() -> None:
     sight = sight_of(wall_mesh())
     line = drawn((0.03, 0.03, 0.3), [[0.02, 0.03, THICK], [0.04, 0.03, THICK]])

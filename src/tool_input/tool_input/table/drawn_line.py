@@ -26,6 +26,9 @@ PASSES = 4
 OVER_THE_EDGE = 3
 """How far from an end of the line tissue may end for the cut to go on over it, in spacings."""
 
+CLOSES = 6
+"""How near to its begin a line may end to be taken as closed, in spacings."""
+
 _SHORTEST = 2
 """A shorter line is a slip of the hand, in spacings."""
 
@@ -104,9 +107,9 @@ class DrawnLine:
                 cast again.
             depth: How far below the tissue's surface it reaches along the view [m]; None: through
                 the first wall, whatever its thickness.
-            ended: Whether the line has its full length. Then it goes on over the edge of the
-                tissue where that is near: a person can only begin to draw on tissue, and a bridge
-                would be left there.
+            ended: Whether the line has its full length. Then it is closed where it nearly is, or
+                goes on over the edge of the tissue where that is near: a person can only begin to
+                draw on tissue, and a bridge would be left there.
 
         Raises:
             ValueError: The line is too short, or meets no tissue.
@@ -117,7 +120,9 @@ class DrawnLine:
         if np.linalg.norm(line[-1] - line[-2]) < 0.5 * self._spacing:
             line = np.delete(line, -2, axis=0)
         line = smoothed(line, PASSES)
-        if ended:
+        if ended and self._returns(line):
+            line = np.concatenate([line, line[:1]])
+        elif ended:
             line = self._over_edge(sight, self._over_edge(sight, line)[::-1])[::-1]
         seen = [self._wall(sight, point) for point in line]
         known = np.flatnonzero([wall is not None for wall in seen])
@@ -152,6 +157,11 @@ class DrawnLine:
             ray = point - self._eye
             self._walls[key] = sight.wall(self._eye, ray / np.linalg.norm(ray), self._spacing)
         return self._walls[key]
+
+    def _returns(self, line: Points) -> bool:
+        """Whether a line goes around something and comes back to where it began."""
+        gap = float(np.linalg.norm(line[-1] - line[0]))
+        return len(line) > 4 * CLOSES and gap <= CLOSES * self._spacing
 
     def _over_edge(self, sight: Sight, line: Points) -> Points:
         """The line, its last end moved on over the edge of the tissue where that is near."""
