@@ -1,9 +1,9 @@
 """How a tool was moved: way, time, rest, movements and the space it worked in.
 
 References:
-    I. Oropesa et al.: Relevance of motion-related assessment metrics in laparoscopic surgery.
-    Surgical Innovation 20(3), 2013, 299-312, doi:10.1177/1553350612459808 (path length, idle time,
-    economy of volume).
+    I. Oropesa et al.: EVA: laparoscopic instrument tracking based on endoscopic video analysis for
+    psychomotor skills assessment. Surg. Endosc. 27(3), 2013, 1029-1039,
+    doi:10.1007/s00464-012-2513-z (path length, economy of volume).
 """
 
 from __future__ import annotations
