@@ -430,7 +430,7 @@ def test_threads_and_edges_of_holes_come_follow_the_tissue_and_go() -> None:
     mesh = block_mesh()
     surface = Surface.of(mesh)
     scene = FakeScene()
-    lines = SeamLines(PageScene(scene, Placement(np.zeros(3), 1.0)))
+    lines = SeamLines(PageScene(scene, Placement(np.zeros(3), 1.0)))  # Lifts by 4 mm of 2 m.
     lines.show(frame_of(mesh, surface, holes=(LostHole(),)))
     assert not scene.nodes
     mesh.sutures = Sutures(
@@ -439,7 +439,8 @@ def test_threads_and_edges_of_holes_come_follow_the_tissue_and_go() -> None:
     )  # fmt: skip
     for stretch in (1.0, 1.4):
         lines.show(frame_of(mesh, surface, stretch, holes=(LostHole(), SquareHole())))
-        assert scene.nodes["/sutures"].points == pytest.approx(stretch * mesh.rest[[[0, 7]]])
+        at = stretch * mesh.rest[[[0, 7]]]
+        assert scene.nodes["/sutures"].points == pytest.approx(at, abs=0.0041)
     around = scene.nodes["/holes"].points
     assert np.linalg.norm(around[:, 1] - around[:, 0], axis=1) == pytest.approx(np.ones(4))
     assert around[:, 1] == pytest.approx(np.roll(around[:, 0], -1, axis=0))

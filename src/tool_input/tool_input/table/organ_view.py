@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.geometry.surface import vertex_normals
 from tissue_sim.readings.fields import DISPLACEMENT, UNITS
 from tool_input.table.color_bar import color_bar, legend
 from tool_input.table.contour_bands import contour_bands, surface_edges
@@ -18,7 +17,7 @@ from tool_input.table.page_scene import PageScene
 from tool_input.table.scalar_scale import UNKNOWN, AutoScale, Scale, band_colors
 from tool_input.table.scalar_source import quantity_values
 from tool_input.table.spring_lines import SpringLines
-from tool_input.table.surface_parts import Color, SurfacePart, tissue_parts
+from tool_input.table.surface_parts import Color, SurfacePart, lifted, tissue_parts
 from tool_input.table.tissue_frame import Surface, TissueFrame
 from tool_input.table.views import SMOOTH, VIEWS, View, view_named
 
@@ -147,22 +146,15 @@ class OrganView:
         elif not same:
             self._springs.hide()
         if self.view.edges:
-            lifted = _lifted(frame.surface, positions)
+            raised = lifted(frame.surface, positions, EDGE_LIFT)
             if same:
-                self._edges.move(lifted)
+                self._edges.move(raised)
             else:
                 triangles = frame.surface.nodes[frame.surface.triangles]
                 part = SurfacePart.of_nodes(EDGE_COLOR, triangles)
-                self._edges.show((part,), lifted, Look(lines=True))
+                self._edges.show((part,), raised, Look(lines=True))
         elif not same:
             self._edges.show((), positions, Look(lines=True))
-
-
-def _lifted(surface: Surface, positions: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The nodes of a surface a little outside it."""
-    normals = np.empty_like(positions)
-    vertex_normals(positions, surface.nodes[surface.triangles].astype(np.int32), normals)
-    return positions + np.float32(EDGE_LIFT) * normals
 
 
 def warm_up() -> None:
@@ -170,4 +162,4 @@ def warm_up() -> None:
     surface = Surface(np.arange(3), np.array([[0, 1, 2]], dtype=np.uint32))
     colors = band_colors(DISPLACEMENT)
     contour_bands(surface_edges(surface), np.arange(3.0), Scale(0.0, 1.0).levels, colors, UNKNOWN)
-    _lifted(surface, np.eye(3, dtype=np.float32))
+    lifted(surface, np.eye(3, dtype=np.float32), EDGE_LIFT)

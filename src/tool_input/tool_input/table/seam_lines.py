@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.geometry.holes import HoleLostError
 from tool_input.table.page_scene import PageScene
-from tool_input.table.surface_parts import Color
+from tool_input.table.surface_parts import Color, lifted
 from tool_input.table.tissue_frame import TissueFrame
 
 THREAD: Color = (244, 236, 205)
@@ -16,10 +16,21 @@ EDGE: Color = (255, 196, 0)
 THICKNESS = 3.0
 """[pixels]"""
 
+LIFT = 0.002
+"""How far over the tissue threads are, as a share of the organ's extent."""
 
-def thread_segments(frame: TissueFrame) -> NDArray[np.float32]:
-    """Both ends of every stitch [m], shape (n, 2, 3)."""
-    segments: NDArray[np.float32] = frame.positions[frame.mesh.sutures.nodes]
+
+def thread_segments(frame: TissueFrame, lift: float) -> NDArray[np.float32]:
+    """Both ends of every stitch [m], shape (n, 2, 3).
+
+    Args:
+        frame: The tissue.
+        lift: How far over its surface they are [m].
+    """
+    nodes = frame.mesh.sutures.nodes
+    if not len(nodes):
+        return np.empty((0, 2, 3), dtype=np.float32)
+    segments: NDArray[np.float32] = lifted(frame.surface, frame.positions, lift)[nodes]
     return segments
 
 
@@ -45,7 +56,8 @@ class SeamLines:
 
     def show(self, frame: TissueFrame) -> None:
         """Draw the sutures and holes of a frame."""
-        self._draw("/sutures", thread_segments(frame), THREAD)
+        threads = thread_segments(frame, LIFT * self._scene.organ_size)
+        self._draw("/sutures", threads, THREAD)
         self._draw("/holes", hole_segments(frame), EDGE)
 
     def _draw(self, name: str, segments: NDArray[np.float32], color: Color) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.surface import vertex_normals
 from tool_input.table.tissue_frame import Surface
 from viz_bridge.organ_surface import colored_triangles
 
@@ -79,3 +80,19 @@ def tissue_parts(surface: Surface, mesh: Mesh) -> tuple[SurfacePart, ...]:
         )
         for number, color in enumerate(colors)
     )
+
+
+def lifted(surface: Surface, positions: NDArray[np.float32], by: float) -> NDArray[np.float32]:
+    """The nodes of a surface a little outside it, for lines that would flicker in it.
+
+    Args:
+        surface: The surface.
+        positions: Where the nodes are, shape (node_rows, 3).
+        by: How far they are moved along their normals, in the unit of `positions`.
+
+    Returns:
+        Where they are then, shape (node_rows, 3).
+    """
+    normals = np.empty_like(positions)
+    vertex_normals(positions, surface.nodes[surface.triangles].astype(np.int32), normals)
+    return positions + np.float32(by) * normals
