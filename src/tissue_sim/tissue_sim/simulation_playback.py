@@ -21,7 +21,8 @@ from tissue_sim.playback.changes import (
     SET_PLAYBACK,
     TAKE_OVER,
 )
-from tissue_sim.playback.played import PlaybackState, PlayedSimulation
+from tissue_sim.playback.played import PlayedSimulation
+from tissue_sim.playback.state import PlaybackState
 from tissue_sim.simulation_services import SimulationServices
 
 LOOK = 0.05

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,35 +19,11 @@ from tissue_sim.playback.branch import Branch
 from tissue_sim.playback.changes import SEEK, SET_PLAYBACK, answer_change
 from tissue_sim.playback.clock import PlaybackClock
 from tissue_sim.playback.player import Player
+from tissue_sim.playback.state import PlaybackState
 from tissue_sim.requests import Request, refuse
 from tissue_sim.simulation import Simulation
 
 WATCHED = "a recording is played: take over its tools first"
-
-
-@dataclass(frozen=True)
-class PlaybackState:
-    """How a recording is played.
-
-    Attributes:
-        time: [s] into the recording.
-        rate: Recorded seconds a second.
-        paused: Whether it stands.
-        looping: Whether it begins again at its end.
-        taken_over: Tools that people have taken over, sorted.
-        branch: Id of the branch that the first of them began; empty: it is the recording itself.
-        branch_frame: Frame of the recorded epoch it began after.
-        seeking: Whether it is on the way to another time.
-    """
-
-    time: float
-    rate: float
-    paused: bool
-    looping: bool
-    taken_over: tuple[str, ...]
-    branch: str
-    branch_frame: int
-    seeking: bool
 
 
 class PlayedSimulation(LiveSimulation):
