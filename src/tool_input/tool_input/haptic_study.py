@@ -64,7 +64,8 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
             latency = found["pose_to_force_ms"]
             console.print(
                 f"{scene} at {rate_hz:g} Hz, priority {priority}: "
-                f"{found['forces_per_second']:.0f} forces/s, pose to force {latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
+                f"{found['forces_per_second']:.0f} forces/s, pose to force "
+                f"{latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
                 highlight=False,
             )
     return rows
