@@ -9,6 +9,7 @@ much of them is drawing is seen by leaving it out. Run it with `python3 -m tool_
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,7 @@ def measure(
         find_scene(scene), empty_folder(out), recording=False, page=True, monitor=False,
         readings=True,
     )  # fmt: skip
+    load = os.getloadavg()[0]
     with Launcher(plan.out / "logs") as launcher:
         start_session(launcher, plan)
         window = Window(browser, SIZE)
@@ -101,6 +103,7 @@ def measure(
     found = photons(moved, page, tool, least)
     return {
         "scene": scene,
+        "load_before": round(load, 1),
         "triangles": triangles,
         "kb_per_frame": drawn["kb_per_frame"],
         "simulated_hz": frames,

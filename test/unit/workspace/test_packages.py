@@ -37,6 +37,7 @@ ROSDEP_KEYS = {
     "mcap_ros2": "mcap-ros2-support",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "playwright": None,
     "plotly": None,
     "psutil": "python3-psutil",
     "pybullet": None,
@@ -63,6 +64,8 @@ DISTRIBUTIONS = {
 }
 # Of the optional extra `requirements-bench.in`; never imported before use.
 OPTIONAL = {"mujoco", "newton", "pybullet", "warp"}
+# Of `requirements-dev.in`: tests and studies import them when they are used.
+DEVELOPMENT = {"playwright"}
 
 
 def foreign_imports(package: str) -> set[str]:
@@ -105,6 +108,7 @@ def test_requirements_name_every_library_that_the_sources_import(package: str) -
     for name in sorted(foreign_imports(package)):
         if not is_ros_package(name):
             source = "requirements-bench.in" if name in OPTIONAL else "requirements.in"
+            source = "requirements-dev.in" if name in DEVELOPMENT else source
             text = (REPOSITORY / source).read_text().lower()
             required = set(re.findall(r"^[a-z0-9-]+", text, re.MULTILINE))
             assert DISTRIBUTIONS.get(name, name) in required
