@@ -75,8 +75,8 @@ def live_table(result: dict[str, Any]) -> str:
     """Rates and latencies of the real node."""
     lines = [
         "| scene | asked | priority | load | forces/s | between, p99 | pose to force, p50 | p99 "
-        "| frames/s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| frames/s | least energy |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["live"]:
         between, latency = row["between_forces_ms"], row["pose_to_force_ms"]
@@ -84,7 +84,8 @@ def live_table(result: dict[str, Any]) -> str:
             f"| {row['scene']} | {row['rate_hz']:g} Hz | {row['realtime_priority'] or 'none'} "
             f"| {row['load_average']:.0f} | {row['forces_per_second']:.0f} "
             f"| {between['p99']:.1f} ms | {latency['p50']:.1f} ms | {latency['p99']:.1f} ms "
-            f"| {float(row['tissue_sim: loop']['achieved_rate_hz']):.1f} |"
+            f"| {float(row['tissue_sim: loop']['achieved_rate_hz']):.1f} "
+            f"| {1e3 * float(row['haptic: force']['energy_lowest_J']):.2f} mJ |"
         )
     return "\n".join(lines)
 

@@ -34,8 +34,10 @@ def test_the_study_is_shown_as_it_came_out(repository: Path) -> None:
     undamped = [row for row in rows if row["damping"] == 0.0]
     assert min(row[MODELS] for row in undamped) > 1.0
     for row in result["live"]:
-        assert 0.0 < row["largest_force"] <= 3.0
-        assert float(row["haptic: force"]["energy_lowest_J"]) > -1e-3
+        assert 0.1 < row["largest_force"] <= 3.0 + 1e-9
+    assert (
+        min(row["forces_per_second"] for row in result["live"] if row["realtime_priority"]) > 900.0
+    )
 
 
 def test_a_bounce_of_the_study_comes_out_again(repository: Path) -> None:
@@ -50,6 +52,6 @@ def test_a_probe_meets_the_outermost_node_first() -> None:
     mesh = scene_geometry.load("block", parameters={"size_x": 0.05, "size_z": 0.02}).mesh
     towards = np.array([0.0, 0.0, -1.0])
     place = outermost(mesh, towards)
-    assert place[2] == pytest.approx(mesh.rest[: mesh.node_rows, 2].max())
+    assert place[2] > mesh.rest[: mesh.node_rows, 2].max() - 0.002
     across = mesh.rest[: mesh.node_rows, 0]
     assert abs(place[0] - across.mean()) <= np.diff(np.unique(across)).max()
