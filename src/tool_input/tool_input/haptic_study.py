@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from tissue_sim.bench import machine
 from tissue_sim.free_domain import choose_domain
@@ -53,7 +52,7 @@ def costs(scenes: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, Any]]:
+def live(scenes: list[str], seconds: float) -> list[dict[str, Any]]:
     """The real node beside the simulation of each scene."""
     rows = []
     for scene in scenes:
@@ -62,11 +61,10 @@ def live(scenes: list[str], seconds: float, console: Console) -> list[dict[str, 
             found = measure(find_scene(scene), towards, rate_hz, ARM_HZ, priority, seconds)
             rows.append({"scene": scene, **found})
             latency = found["pose_to_force_ms"]
-            console.print(
+            print(
                 f"{scene} at {rate_hz:g} Hz, priority {priority}: "
                 f"{found['forces_per_second']:.0f} forces/s, pose to force "
                 f"{latency['p50']:.2f} ms (99 %: {latency['p99']:.2f})",
-                highlight=False,
             )
     return rows
 
@@ -121,11 +119,10 @@ def main() -> None:
     parser.add_argument("--no-live", action="store_true", help="only the stability map")
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
-    console = Console(highlight=False)
     rows = []
     if not chosen.no_live:
-        console.print(f"ROS domain {choose_domain()}")
-        rows = live(chosen.scene or list(TOWARDS), chosen.seconds, console)
+        print(f"ROS domain {choose_domain()}")
+        rows = live(chosen.scene or list(TOWARDS), chosen.seconds)
     result = {
         "machine": machine(),
         "live": rows,
@@ -136,7 +133,7 @@ def main() -> None:
         chosen.out.parent.mkdir(parents=True, exist_ok=True)
         write_json(chosen.out, result)
     for table in (live_table, cost_table, stability_table):
-        console.print(table(result), markup=False, soft_wrap=True)
+        print(table(result))
 
 
 if __name__ == "__main__":
