@@ -77,6 +77,7 @@ class FakeNode:
         answers: Answer by service; a success, if there is none.
         missing: Services that are not there.
         listeners: How many listen to each topic.
+        rivals: How many others publish a topic.
         said: What was logged.
     """
 
@@ -94,6 +95,7 @@ class FakeNode:
         self.answers: dict[str, Any] = {}
         self.missing: set[str] = set()
         self.listeners = 1
+        self.rivals: dict[str, int] = {}
         self.said: list[str] = []
         self.closed: list[str] = []
         self._queues: dict[str, FakeQueue] = {}
@@ -136,6 +138,9 @@ class FakeNode:
         self.act = callback
         return SimpleNamespace(trigger=callback if self._acts_at_once else lambda: None)
 
+    def count_publishers(self, topic: str) -> int:
+        return self.rivals.get(topic, 0)
+
     def resolve_topic_name(self, topic: str) -> str:
         return topic
 
@@ -143,4 +148,6 @@ class FakeNode:
         return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=Time))
 
     def get_logger(self) -> SimpleNamespace:
-        return SimpleNamespace(info=self.said.append, warning=self.said.append)
+        return SimpleNamespace(
+            info=self.said.append, warning=self.said.append, error=self.said.append
+        )

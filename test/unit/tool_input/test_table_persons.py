@@ -170,7 +170,7 @@ def test_observers_have_no_tools(node: FakeNode, desk: Desk) -> None:
     assert node.published == []
 
 
-def test_what_cannot_be_done_is_told_and_nothing_else_is_hidden(desk: Desk) -> None:
+def test_what_cannot_be_done_is_told(desk: Desk) -> None:
     anna, told = person(desk)
 
     def refuse(event: Any) -> None:
@@ -178,8 +178,6 @@ def test_what_cannot_be_done_is_told_and_nothing_else_is_hidden(desk: Desk) -> N
 
     asyncio.run(anna.in_turn(refuse)("line"))
     assert told == ["a line is too short"]
-    with pytest.raises(ZeroDivisionError):
-        asyncio.run(anna.in_turn(lambda: 1 / 0)("line"))
     seen: list[Any] = []
     asyncio.run(anna.in_turn(lambda by=7: seen.append(by))("line"))
     assert seen == [7]

@@ -37,6 +37,7 @@ ROS_SIDE = (
     "tissue_sim/simulation_tools.py",
     "tissue_sim/simulation_topics.py",
     "tissue_sim/undo_client.py",
+    "tissue_sim/watching_keys.py",
     "viz_bridge/bag_play.py",
     "viz_bridge/monitor.py",
     "viz_bridge/readings_messages.py",

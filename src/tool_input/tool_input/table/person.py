@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import traceback
 from collections.abc import Callable, Coroutine, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +35,17 @@ class PersonTool:
         pressed: Whether it is in use.
     """
 
-    def __init__(self, person: Person, name: str) -> None:
-        """Begin with a tool that is not there yet; see `PersonTools.make`."""
+    def __init__(self, person: Person, name: str, tool: str = "") -> None:
+        """Begin with a tool that is not there yet; see `PersonTools.make`.
+
+        Args:
+            person: Whose it is.
+            name: Its name among their tools.
+            tool: Its name in the simulation; empty: one that nobody else gives.
+        """
         self._person = person
         self.name = name
-        self.id = f"{person.tool_prefix}_{name}"
+        self.id = tool or f"{person.tool_prefix}_{name}"
         self.message = Tool(id=self.id, owner=person.name)
         self.pose: Pose | None = None
         self.pressed = False
@@ -88,6 +95,58 @@ class PersonTool:
         self._person.request("remove_tool", RemoveTool.Request(tool=self.id))
         self._topics.close()
 
+    def make_again(self) -> bool:
+        """Ask for it once more, released, after another organ was loaded; False: it is gone."""
+        if self.pressed:
+            self.use(False)
+        self._person.request("set_tool", SetTool.Request(tool=self.message))
+        return True
+
+
+class TakenTool(PersonTool):
+    """A tool that was there before: of the scene, or of a recording that was taken over.
+
+    It stays as it is, in use or not, until its person does something with it, and is not removed
+    when they leave.
+    """
+
+    def __init__(self, person: Person, tool: Tool) -> None:
+        """Take a tool that is there."""
+        super().__init__(person, tool.id, tool.id)
+        self.message = tool
+        self.pressed = tool.pressed
+        self._used = False
+
+    def move(self, position: ArrayLike, quaternion: ArrayLike | None = None) -> None:
+        """Want it somewhere; the orientation is at first the one it has."""
+        if self.pose is None and quaternion is None:
+            quaternion = self._person.desk.pose(self.id)[3:]
+        super().move(position, quaternion)
+
+    def use(self, pressed: bool) -> None:
+        """Press or release it where it is."""
+        if not self._used:
+            # The simulation may not have heard a level yet, and the first one makes no edge.
+            self._topics.use(self.pressed)
+            self._used = True
+        super().use(pressed)
+
+    def repeat(self) -> None:
+        """Publish once more where it is, if it was moved."""
+        if self.pose is not None:
+            self._topics.pose(self.pose)
+
+    def remove(self) -> None:
+        """Let go and leave it where it is."""
+        if self.pressed:
+            self.use(False)
+        self._topics.close()
+
+    def make_again(self) -> bool:
+        """It belonged to what was there before, and is let be."""
+        self._topics.close()
+        return False
+
 
 class PersonTools:
     """The tools of one person by their short names, such as "grab"."""
@@ -119,6 +178,31 @@ class PersonTools:
         tool.change(kind, shape, size, **more)
         return tool
 
+    def take(self, tool: str) -> TakenTool:
+        """Take a tool that is there and that nobody moves.
+
+        Args:
+            tool: Its name in the simulation.
+
+        Raises:
+            ValueError: There is none, somebody or a recording moves it, or the person only
+                watches.
+        """
+        self._person.refuse_observers("move tools")
+        desk = self._person.desk
+        known = self._tools.get(tool)
+        if isinstance(known, TakenTool):
+            return known
+        if tool not in desk.tools:
+            raise ValueError(f"there is no tool {tool}; there are: {', '.join(desk.tools)}")
+        if desk.node.count_publishers(f"tools/{tool}/servo_cp"):
+            raise ValueError(f"{tool} is moved by somebody: a tool has one hand at a time")
+        played = desk.playback
+        if played is not None and tool not in played.taken_over:
+            raise ValueError(f"{tool} is moved by the recording: take it over first")
+        taken = self._tools[tool] = TakenTool(self._person, desk.tools[tool])
+        return taken
+
     @property
     def names(self) -> tuple[str, ...]:
         """Short names of those there are."""
@@ -148,10 +232,9 @@ class PersonTools:
 
     def make_again(self) -> None:
         """Release all of them and ask for them once more, after another organ was loaded."""
-        for tool in self._tools.values():
-            if tool.pressed:
-                tool.use(False)
-            self._person.request("set_tool", SetTool.Request(tool=tool.message))
+        for name, tool in list(self._tools.items()):
+            if not tool.make_again():
+                del self._tools[name]
 
     def repeat(self) -> None:
         """Publish where they are once more."""
@@ -185,6 +268,7 @@ class Person:
         self.observer = observer
         self.tell = tell
         self.tools = PersonTools(self)
+        self._mistakes: set[str] = set()
 
     @property
     def tool_prefix(self) -> str:
@@ -213,7 +297,7 @@ class Person:
 
         Args:
             act: Called with viser's event, or without it if it needs no argument. What it raises
-                as ValueError is told to the person.
+                is told to the person.
         """
         given = inspect.signature(act).parameters.values()
         takes_event = any(parameter.default is parameter.empty for parameter in given)
@@ -224,11 +308,20 @@ class Person:
         return callback
 
     def attempt(self, act: Callable[..., object], *arguments: Any) -> None:
-        """Act, and tell the person why it cannot be done if it cannot."""
+        """Act, and tell the person why it cannot be done if it cannot.
+
+        A mistake of the page itself is told and logged once: it ends nobody else's work.
+        """
         try:
             act(*arguments)
         except ValueError as error:
             self.tell(str(error))
+        except Exception as error:
+            where = traceback.format_exc()
+            if where not in self._mistakes:
+                self._mistakes.add(where)
+                self.desk.node.get_logger().error(f"{self.name}: {where}")
+                self.tell(f"The page failed: {type(error).__name__}: {error}. Its log says where.")
 
     def leave(self) -> None:
         """The window is gone: let go of everything."""

@@ -12,6 +12,7 @@ from tool_input.table.blade_mode import BladeMode
 from tool_input.table.cut_mode import CutMode
 from tool_input.table.drag_input import DEPTH_MODIFIER, DragInput
 from tool_input.table.grab_mode import GrabMode
+from tool_input.table.hand_mode import HandMode
 from tool_input.table.help_panel import add_help, help_text
 from tool_input.table.model_panel import ModelPanel
 from tool_input.table.modes import Drag, Mode, ModeMaker
@@ -33,7 +34,7 @@ from tool_input.table.view_panel import ViewPanel
 from tool_input.table.views import VIEWS
 
 MODES: tuple[ModeMaker, ...] = (
-    GrabMode, ProbeMode, CutMode, BladeMode, SewMode, PatchMode, RiskMode,
+    GrabMode, ProbeMode, CutMode, BladeMode, SewMode, PatchMode, RiskMode, HandMode,
 )  # fmt: skip
 """What a person can do by dragging; the first is chosen when a window opens."""
 
