@@ -40,6 +40,8 @@ FEWEST = 40
 """Pixels that must have changed for a frame to count as another picture."""
 LEAST = 0.25
 """Share of the way that the tissue must have gone to count as moved."""
+MOUSE_MS = 16.0
+"""Between two moves of the hand that pulls back and forth."""
 PATIENCE = 600.0
 """Longest wait for the simulation and the page [s]: kernels may have to be compiled."""
 PERSON = "hand"
@@ -148,6 +150,7 @@ class Hand:
         while (now := page.evaluate("() => performance.now()")) < end:
             for share in (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0):
                 self._window.move(self._start + share * WAY)
+                page.wait_for_timeout(MOUSE_MS)
         notes = page.evaluate("() => ({batches: watch.batches, frames: watch.frames})")
         self._window.release()
         took = (now - before) / 1e3
@@ -172,7 +175,7 @@ class Hand:
             " watch.region = region; }",
             [
                 self._name, self._row,
-                [int(x) - MARGIN, SIZE[1] - int(y) - MARGIN, 2 * MARGIN, 2 * MARGIN],
+                [int(x) - MARGIN, int(y) - MARGIN, 2 * MARGIN, 2 * MARGIN],
             ],
         )  # fmt: skip
         self._window.press(self._start)

@@ -11,7 +11,7 @@
     frames: [],       // [time, pixels changed in the region] of each frame drawn
     follow: null,     // {mesh, vertices: [rows]}: whose places to note
     blind: false,     // whether nothing is drawn, to see what all else takes
-    region: null,     // [x, y, width, height] in pixels of the drawing buffer, from below
+    region: null,     // [x, y, width, height] in the window, from its upper left corner
   };
   window.watch = watch;
 
@@ -71,7 +71,10 @@
   let drawing = false, before = null;
   const changed = (gl) => {
     if (!watch.region) return 0;
-    const [x, y, width, height] = watch.region;
+    // The page draws with fewer pixels than the window has while it cannot keep up.
+    const scale = gl.drawingBufferWidth / gl.canvas.clientWidth;
+    const [left, top, width, height] = watch.region.map((length) => Math.round(scale * length));
+    const [x, y] = [left, gl.drawingBufferHeight - top - height];
     const pixels = new Uint8Array(4 * width * height);
     const target = gl.getParameter(gl.DRAW_FRAMEBUFFER_BINDING);
     const source = gl.getParameter(gl.READ_FRAMEBUFFER_BINDING);
