@@ -21,6 +21,8 @@ SIZE = (1100, 420)
 """Width and height of a window [pixels]: the panel leaves room for the organ beside it."""
 PATIENCE = 120.0
 """Longest wait for what the page has to show or to say [s]."""
+REST_SECONDS = 1.0
+"""A camera that has not moved for so long will not move by itself."""
 STEP_SECONDS = 0.03
 """Between two moves of the mouse: about what a hand's mouse sends while the page keeps up."""
 
@@ -95,10 +97,17 @@ class Window:
             "an organ",
             patience,
         )
+        self.until(self._rests, "the organ from where it stays")
         self.page.evaluate(
             "() => document.querySelectorAll('.mantine-Notification-closeButton')"
             ".forEach((button) => button.click())"
         )
+
+    def _rests(self) -> bool:
+        """Whether the camera has stopped where the page puts it at first."""
+        before = self.page.evaluate("() => watch.camera")
+        self.page.wait_for_timeout(REST_SECONDS * 1e3)
+        return bool(self.page.evaluate("() => watch.camera") == before)
 
     @property
     def camera(self) -> Camera:
