@@ -268,7 +268,8 @@ def test_dies_and_comes_back_and_follows_a_simulation_that_does(
         assert world.cut(slab(0.5)).success
         # Killed; the restarted one takes the old keyframe and the edit made since.
         assert world.stop(signal.SIGKILL) == -signal.SIGKILL
-        world.start()
+        # Finding each other again after a death can take two of DDS's heartbeats, of 3 s each.
+        world.start("--ros-args", "-p", "tissue_timeout:=25.0")
         late = world.insist(slab(0.25), "late")
         assert late.success, late.message
         assert late.version == 3

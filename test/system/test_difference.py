@@ -136,11 +136,12 @@ def test_the_same_model_is_no_different_another_is_and_edits_are_followed(
         np.testing.assert_allclose(late[-1].scalar, close.scalar, atol=2e-4)
 
         eventually(lambda: float(figures(me, "other")["mean [mm]"]) > 0.01)
+        eventually(lambda: float(figures(me, "other")["lag [s]"]) < 30.0)
         said = figures(me, "other")
         assert 0.0 < float(said["of the worst"]) < 3.0
-        assert float(said["lag [s]"]) < 30.0
-        assert figures(me, "same")["mean [mm]"] == "0"
-        assert int(figures(me, "late")["began at frame"]) > 0
+        eventually(lambda: figures(me, "same")["mean [mm]"] == "0")
+        # A node speaks once a second, at first of having no session yet.
+        eventually(lambda: int(figures(me, "late")["began at frame"]) > 0)
         assert int(figures(me, "other")["began at frame"]) == 0
         assert interrupt(other) == 0
         assert session.interrupt() == 0
