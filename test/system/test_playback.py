@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,14 @@ class Viewer:
             SetPlayback, "tissue/set_playback", what=what, value=value, tools=list(tools)
         )
         return answer
+
+    def is_at(self, seconds: float) -> bool:
+        """Whether the recording stands at a time."""
+        return bool(self.told[-1].time == pytest.approx(seconds))
+
+    def branched(self) -> Playback | None:
+        """What was told first after a take-over."""
+        return next((told for told in self.told if told.branch), None)
 
 
 @pytest.mark.usefixtures("ros_domain")
@@ -95,7 +104,7 @@ def watch(viewer: Viewer) -> int:
     eventually(lambda: viewer.told and viewer.told[-1].paused)
     for seconds in (0.8, 0.3):
         assert viewer.ask(ASK.SEEK, seconds).success
-        eventually(lambda wanted=seconds: viewer.told[-1].time == pytest.approx(wanted))
+        eventually(partial(viewer.is_at, seconds))
     assert viewer.told[-1].paused
     assert viewer.told[-1].duration == pytest.approx(FRAMES / 60)
     assert viewer.ask(ASK.RATE, 0.0).error_code == SetPlayback.Response.INVALID
@@ -110,7 +119,8 @@ def take_over(viewer: Viewer, frame: int) -> str:
     """Take the grasper over, wait, and pull elsewhere; the branch's id."""
     node = viewer.node
     assert viewer.ask(ASK.TAKE_OVER).success
-    told = eventually(lambda: next((t for t in viewer.told if t.branch), None))
+    told = eventually(viewer.branched)
+    assert told is not None
     assert (list(told.taken_over), told.branch_frame) == (["grasper"], frame)
     assert viewer.ask(ASK.TAKE_OVER, tools=("grasper",)).error_code == SetPlayback.Response.INVALID
     assert viewer.ask(ASK.SEEK, 0.0).error_code == SetPlayback.Response.BRANCHED

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from std_msgs.msg import String
 from tissue_interfaces.msg import Playback, TissueState
 
@@ -45,7 +46,7 @@ class WatchedBag:
         player = Player(read_recording(parent, namespace), Checkpoints(0))
         self.live = PlayedSimulation(player, PlaybackClock(), ToolLimits(), folder)
         self._switched = -1
-        self.positions = np.empty((0, 3))
+        self.positions: NDArray[np.floating] = np.empty((0, 3))
 
     def frames(self, count: int) -> None:
         for number in range(count):
