@@ -129,11 +129,15 @@ class Hand:
         """
         self._window = window
         self._start = window.tissue_at(grip)
-        camera, largest = window.camera, window.organ()[0]
-        self._name, vertices = largest.name, largest.vertices
-        seen = camera.pixels(vertices) - self._start
-        self._row = int(np.argmin(np.linalg.norm(seen, axis=1)))
-        depth = float((vertices[self._row] - camera.position) @ camera.axes[:, 2])
+        camera = window.camera
+        # The vertex in sight there, whichever mesh shows it.
+        depth, self._name, self._row = min(
+            (float((part.vertices[row] - camera.position) @ camera.axes[:, 2]), part.name, int(row))
+            for part in window.organ()
+            for row in np.flatnonzero(
+                np.linalg.norm(camera.pixels(part.vertices) - self._start, axis=1) < 0.5
+            )
+        )
         self._way = float(np.linalg.norm(WAY)) * depth / camera.focal
 
     def blindfold(self, blind: bool) -> None:
@@ -260,9 +264,9 @@ def main() -> None:
     """Measure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--moves", type=int, default=40)
-    parser.add_argument("--rest", type=float, default=1.5)
+    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--moves", type=int, default=12)
+    parser.add_argument("--rest", type=float, default=4.0)
     parser.add_argument("--out", type=Path, default=Path("out/table"))
     given = parser.parse_args()
     run_study(given.out, tuple(given.scenes), given.seconds, given.moves, given.rest)
