@@ -83,9 +83,10 @@ class ToolSources:
         def on_clutch(message: Bool, _info: object) -> None:
             self._live.post_clutch(tool, bool(message.data))
 
-        self._heard.add(PoseStamped, f"tools/{tool}/servo_cp", on_pose, qos.POSE_IN)
         self._heard.add(Bool, f"tools/{tool}/use", on_use, qos.USE)
         self._heard.add(Bool, f"tools/{tool}/clutch", on_clutch, qos.USE)
+        # Last, so that the pose that was sent before a press is never taken after it.
+        self._heard.add(PoseStamped, f"tools/{tool}/servo_cp", on_pose, qos.POSE_IN)
 
     def _on_pose(self, tool: str, message: PoseStamped) -> None:
         now = time.perf_counter()

@@ -78,6 +78,8 @@ class PersonTool:
 
     def repeat(self) -> None:
         """Publish where it is once more, and whether it is pressed to who has begun to listen."""
+        if self.pose is not None:
+            self._topics.pose(self.pose)
         listeners = self._topics.listeners
         if listeners > self._listeners:
             if self._listeners == 0 and self.pressed:
@@ -85,8 +87,6 @@ class PersonTool:
                 self._topics.use(False)
             self._topics.use(self.pressed)
         self._listeners = listeners
-        if self.pose is not None:
-            self._topics.pose(self.pose)
 
     def remove(self) -> None:
         """Let go and take it out of the simulation."""
