@@ -47,7 +47,6 @@ setup(
             "joy_node = tool_input.joy_node:main",
             "haptic_node = tool_input.haptic_node:main",
             "virtual_arm_node = tool_input.virtual_arm_node:main",
-            "haptic_node = tool_input.haptic_node:main",
         ],
     },
 )
