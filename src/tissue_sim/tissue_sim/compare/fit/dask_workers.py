@@ -106,8 +106,9 @@ class DaskWorkers(Workers):
                 for values in decoded
             )
         return WorkersError(
-            f"candidate {named} ended each of the {error.allowed_failures + 1} workers that "
-            f"evaluated it; what the last one, {error.last_worker.address}, said stands in its log"
+            f"candidate {named} was on each of {error.allowed_failures + 1} workers when they "
+            "ended: it, or one that waited there too, ended them; what the last one, "
+            f"{error.last_worker.address}, said stands in its log"
         )
 
 
