@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from tissue_sim.commands import CommandError
 from tissue_sim.frame import Answer
 from tissue_sim.playback.clock import checked_rate
 from tissue_sim.requests import Request, refuse
@@ -20,18 +21,6 @@ PAUSE, RESUME, SEEK, RATE, LOOP, TAKE_OVER = CHANGES = (
 )  # fmt: skip
 
 
-class PlaybackError(ValueError):
-    """A change that is not possible.
-
-    Attributes:
-        code: Name of the error in the service's constants.
-    """
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-
-
 def answer_change(played: PlayedSimulation, request: Request) -> None:
     """Carry out a request of the kind SET_PLAYBACK, or refuse it, and answer."""
     arguments = request.arguments
@@ -42,7 +31,7 @@ def answer_change(played: PlayedSimulation, request: Request) -> None:
         message = change(
             played, str(arguments["what"]), float(arguments["value"]), tuple(arguments["tools"])
         )
-    except PlaybackError as error:
+    except CommandError as error:
         refuse(request, error.code, str(error))
     except ValueError as error:
         refuse(request, "INVALID", str(error))
@@ -62,14 +51,14 @@ def change(
         tools: Tools to take over; none: all.
 
     Raises:
-        PlaybackError: It is unknown, a tool is not there, or people have taken over.
+        CommandError: It is unknown, a tool is not there, or people have taken over.
         ValueError: The value is not allowed.
     """
     player, clock = played.player, played.clock
     if what == TAKE_OVER:
         return _take_over(played, tools)
     if played.branch is not None:
-        raise PlaybackError(
+        raise CommandError(
             "BRANCHED",
             f"people took over after frame {played.branch.frame}: there is no way back to the "
             "recording; tissue/pause pauses the simulation",
@@ -92,7 +81,7 @@ def change(
         clock.looping = bool(value)
         return "looping" if clock.looping else "not looping"
     allowed = ", ".join(CHANGES)
-    raise PlaybackError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
+    raise CommandError("INVALID", f"{what!r} is not allowed; allowed: {allowed}")
 
 
 def _needs_time(played: PlayedSimulation) -> bool:
@@ -108,13 +97,13 @@ def _take_over(played: PlayedSimulation, tools: Sequence[str]) -> str:
     unknown = [tool for tool in tools if tool not in there]
     if unknown:
         known = ", ".join(there) or "none"
-        raise PlaybackError("UNKNOWN_TOOL", f"there is no tool {unknown[0]!r}; tools: {known}")
+        raise CommandError("UNKNOWN_TOOL", f"there is no tool {unknown[0]!r}; tools: {known}")
     twice = sorted(set(tools) & taken)
     if twice:
-        raise PlaybackError("INVALID", f"{', '.join(twice)} is taken over already")
+        raise CommandError("INVALID", f"{', '.join(twice)} is taken over already")
     wanted = set(tools) or set(there) - taken
     if played.branch is not None and not wanted:
-        raise PlaybackError("INVALID", "every tool is taken over already")
+        raise CommandError("INVALID", "every tool is taken over already")
     if played.branch is None:
         played.begin_branch()
     assert played.branch is not None

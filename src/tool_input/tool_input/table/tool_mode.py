@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from tool_input.table.person import UPRIGHT, Person, PersonTool
 from tool_input.table.tool_size import ToolSize
 
 
-class ToolMode:
+class ToolMode(ABC):
     """A mode in which a drag on the tissue uses a tool; subclasses say which.
 
     With "keep" the tool stays pressed when the drag ends, also when another mode is chosen, and the
@@ -49,6 +50,7 @@ class ToolMode:
 
     # What a subclass decides
 
+    @abstractmethod
     def tip_from_start(self, drag: Drag, axis: Vec3) -> Vec3:
         """From where a drag begins to where it puts the tool's tip [m], shape (3,).
 
@@ -56,11 +58,10 @@ class ToolMode:
             drag: The start of the drag.
             axis: Unit direction of the tool's z, shape (3,).
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def orientation(self, drag: Drag) -> NDArray[np.float64]:
         """How the tool is turned, as long as nobody turned it: x y z w, shape (4,)."""
-        raise NotImplementedError
 
     def more(self) -> dict[str, Any]:
         """Further fields of the tool's `Tool` message."""
