@@ -33,9 +33,10 @@ for tissue_folder in "$tissue_venv"/lib/python3*/site-packages/ros_*.libs; do
 done
 export LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 
-# Nothing leaves this machine unless the user chose a discovery variable.
-if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}${ROS_STATIC_PEERS:-}${ROS_LOCALHOST_ONLY:-}${ROS_DISCOVERY_SERVER:-}" ]; then
-  export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+# Nothing leaves this machine unless the user chose a discovery variable (tissue_sim/discovery.py).
+if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}${ROS_STATIC_PEERS:-}${ROS_LOCALHOST_ONLY:-}${ROS_DISCOVERY_SERVER:-}${FASTRTPS_DEFAULT_PROFILES_FILE:-}${FASTDDS_DEFAULT_PROFILES_FILE:-}${CYCLONEDDS_URI:-}" ]; then
+  export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+  export FASTRTPS_DEFAULT_PROFILES_FILE=$tissue_root/src/tissue_sim/tissue_sim/data/this_machine.xml
 fi
 
 # A cached kernel knows its own source file but not those of the functions it calls, so every set

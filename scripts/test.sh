@@ -8,8 +8,6 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . scripts/env.sh
 # ROS checks the types of message fields only when asked to.
 export ROS_PYTHON_CHECK_FIELDS=1
-# The shared-memory transport finds peers late on a busy machine and leaves segments of killed processes.
-export FASTDDS_BUILTIN_TRANSPORTS=${FASTDDS_BUILTIN_TRANSPORTS:-UDPv4}
 
 lint=0
 bash scripts/lint.sh || lint=1

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tissue_sim import discovery
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 # Before numba is imported: kernels are cached for the user, never beside the sources.
@@ -70,9 +72,10 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
             except BlockingIOError:
                 continue
             monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-            # Shared memory finds peers late on a busy machine and leaks segments of killed nodes.
-            monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+            for variable in discovery.DISCOVERY_VARIABLES:
+                monkeypatch.delenv(variable, raising=False)
+            for variable, value in discovery.local({}).items():
+                monkeypatch.setenv(variable, value)
             yield domain
             return
     pytest.fail(f"all ROS domains {domains.start} to {domains.stop - 1} are in use by other tests")

@@ -1,9 +1,8 @@
-"""What every node's main() shares: local discovery, parameters, one executor, a clean end."""
+"""What every node's main() shares: parameters, one executor, a clean end."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import socket
 import sys
@@ -25,17 +24,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from tissue_sim.discovery import stay_local
 from tissue_sim.parameters import ParameterError, Spec, refuse_unknown
 
-DISCOVERY_VARIABLES = (
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_STATIC_PEERS",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_DISCOVERY_SERVER",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "CYCLONEDDS_URI",
-)
 _OWN = ("use_sim_time", "start_type_description_service")
 _TYPES = {
     "bool": Parameter.Type.BOOL,
@@ -45,18 +36,6 @@ _TYPES = {
     "doubles": Parameter.Type.DOUBLE_ARRAY,
     "strings": Parameter.Type.STRING_ARRAY,
 }
-
-
-def stay_local() -> None:
-    """Keep discovery on this machine, unless the user chose otherwise, and say how to open up."""
-    if any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
-        return
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    print(
-        "Visible on this machine only; to open up: export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET",
-        file=sys.stderr,
-        flush=True,
-    )
 
 
 def overrides(node: Node) -> dict[str, Any]:

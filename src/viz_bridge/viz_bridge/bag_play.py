@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from tissue_sim import qos
-from tissue_sim.node_main import stay_local
+from tissue_sim.discovery import stay_local
 from viz_bridge.bag_player import PlayOptions, play
 from viz_bridge.bag_reader import BagMessage, topic_types
 from viz_bridge.recorded_topics import FIXED, message_class, of_tool
