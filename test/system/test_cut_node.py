@@ -64,14 +64,18 @@ class World:
             DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS
         )
         self._log = log
+        self._starts = 0
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self, *arguments: str) -> None:
+        self._starts += 1
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "cut_service.cut_node", *arguments],
                 stdout=log, stderr=subprocess.STDOUT,
             )  # fmt: skip
+        # The service of a killed process still looks ready for a while.
+        wait_for(lambda: self.log.count(": ready (") == self._starts, 120.0, "the node")
         wait_for(self.client.service_is_ready, 120.0, "tissue/cut")
 
     def stop(self, how: signal.Signals) -> int:
@@ -268,7 +272,6 @@ def test_dies_and_comes_back_and_follows_a_simulation_that_does(
         assert world.cut(slab(0.5)).success
         # Killed; the restarted one takes the old keyframe and the edit made since.
         assert world.stop(signal.SIGKILL) == -signal.SIGKILL
-        # Finding each other again after a death can take two of DDS's heartbeats, of 3 s each.
         world.start("--ros-args", "-p", "tissue_timeout:=25.0")
         late = world.insist(slab(0.25), "late")
         assert late.success, late.message
