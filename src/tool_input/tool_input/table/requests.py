@@ -56,9 +56,19 @@ class _Asked(NamedTuple):
     request: Any
     answered: Callable[[Any], None] | None
 
+    @property
+    def tool(self) -> str:
+        """The tool it is about; empty: none."""
+        tool = getattr(self.request, "tool", "")
+        return str(getattr(tool, "id", tool))
+
 
 class Requests:
-    """Everybody's requests on their way: each waits for its own service, but not for ever."""
+    """Everybody's requests on their way: each waits for its own service, but not for ever.
+
+    Those about one tool go one after the other, each when the one before is answered: services are
+    independent, and making a tool could be overtaken by removing the one of that name before it.
+    """
 
     def __init__(self, node: Node, soon: Callable[[Callable[[], None]], None]) -> None:
         """Begin without requests.
@@ -72,6 +82,7 @@ class Requests:
         self._clients: dict[str, Client] = {}
         self._numbers = itertools.count(1)
         self._waiting: list[_Asked] = []
+        self._under_way: dict[str, float] = {}
 
     def ask(
         self,
@@ -99,14 +110,23 @@ class Requests:
     def send(self) -> None:
         """Send what waits for a service that is there; tell of what has waited for too long."""
         asked, self._waiting = self._waiting, []
+        now = time.monotonic()
+        # A service that died answers nothing: its tools do not wait for ever.
+        self._under_way = {tool: end for tool, end in self._under_way.items() if end > now}
+        held_up: set[str] = set()
         for one in asked:
             client = self._client(one.service)
-            if client.service_is_ready():
+            if one.tool in self._under_way or one.tool in held_up:
+                self._waiting.append(one)
+            elif client.service_is_ready():
+                if one.tool:
+                    self._under_way[one.tool] = now + SERVICE_PATIENCE
                 client.call_async(one.request).add_done_callback(self._finishing(one))
-            elif time.monotonic() > one.until:
+            elif now > one.until:
                 one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
             else:
                 self._waiting.append(one)
+                held_up.update({one.tool} - {""})
 
     def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
         return lambda done: self._soon(lambda: self._answer(asked, done.result()))
@@ -118,6 +138,8 @@ class Requests:
         return self._clients[service]
 
     def _answer(self, asked: _Asked, answer: Any) -> None:
+        self._under_way.pop(asked.tool, None)
+        self.send()
         if asked.service == "set_readings":
             refusals = [result.reason for result in answer.results if not result.successful]
             success, message = not refusals, "; ".join(refusals)
