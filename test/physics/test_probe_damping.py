@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -95,6 +96,20 @@ def test_however_strong_it_never_pulls_and_gives_no_energy(damping: float) -> No
         assert work > -1e-6
     assert work > 0.0
     assert block.simulation.lost_states == 0
+
+
+def test_what_was_the_last_gap_is_kept_with_the_simulation() -> None:
+    """A simulation taken from a checkpoint in mid-press goes on bit by bit."""
+    block = pressed(DAMPED)
+    block.frame(above(DEPTH + 0.0002))
+    again = PressedBlock(contact=DAMPED)
+    again.simulation = pickle.loads(pickle.dumps(block.simulation))
+    for one in (block, again):
+        one.frame(above(DEPTH + 0.0004))
+    np.testing.assert_array_equal(
+        block.simulation.state.displacement, again.simulation.state.displacement
+    )
+    np.testing.assert_array_equal(forces(block), forces(again))
 
 
 def cycles() -> Iterable[float]:
