@@ -102,7 +102,7 @@ class PageClient:
 
     def fall_silent(self) -> None:
         """Answer nothing any more, not even pings, with the connection open: a pulled cable."""
-        self._socket.protocol.receive_data = lambda _: None  # type: ignore[method-assign]
+        self._socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign]
 
     def _take(self, message: dict[str, Any], arrays: list[bytes]) -> None:
         name = message.get("name", "")

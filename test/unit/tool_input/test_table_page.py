@@ -152,13 +152,12 @@ def test_a_window_that_falls_silent_is_let_go_of(monkeypatch: pytest.MonkeyPatch
         anna = table.opens("/as/anna?token=act")
         grab(anna)
         table.until(lambda: table.pressed("anna_1_grab"), "a grab")
+        table.leaves(anna)
         anna.fall_silent()
         table.until(lambda: not table.page.persons, "the end of a person")
         assert not table.pressed("anna_1_grab")
         gone = [request.tool for request in table.node.asked_for("tissue/remove_tool")]
         assert gone == ["anna_1_grab"]
-        table.leaves(anna)
-        anna.drop()
     finally:
         table.close()
 

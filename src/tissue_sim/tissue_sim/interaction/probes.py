@@ -132,9 +132,9 @@ class Probes:
             capsule = capsule_of(tool, pose)
             self._search(touch, capsule, state, taken)
             self._renew(touch, capsule, pose, state, model, taken)
-            before = capsule if touch.pose is None else capsule_of(tool, touch.pose)
+            last = capsule if touch.pose is None else capsule_of(tool, touch.pose)
             # Outside there is no penetration whose rate could be damped.
-            touch.gap = np.minimum(self._gaps(touch.rows, before, state)[0], 0.0)
+            touch.gap = np.minimum(self._gaps(touch.rows, last, state)[0], 0.0)
             touch.pose = pose.copy()
             taken[touch.rows] = True
             used[tool.id] = touch
