@@ -211,6 +211,22 @@ def test_requests_for_one_tool_go_one_after_the_other(node: FakeNode, desk: Desk
     assert asked == [set_one, remove, set_one, remove, set_one]
 
 
+def test_only_the_newest_of_the_changes_that_wait_is_asked_for(node: FakeNode, desk: Desk) -> None:
+    """A slider that is dragged sends many more than are answered meanwhile."""
+    anna, _ = person(desk)
+    node.thinks = True
+    for size in (0.005, 0.006, 0.007, 0.008):
+        anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [size])
+    anna.tools.remove("grab")
+    anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.009])
+    while node.unanswered:
+        node.unanswered.pop(0)()
+    sizes = [request.tool.size[0] for request in node.asked_for("tissue/set_tool")]
+    assert len(sizes) == 3
+    assert sizes[1:] == [0.008, 0.009]
+    assert len(node.asked_for("tissue/remove_tool")) == 1
+
+
 def test_a_tool_does_not_wait_for_ever_for_an_answer(
     node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,7 +44,8 @@ OBSERVERS_MAY = frozenset({"set_readings"})
 
 
 SERVICE_PATIENCE = 5.0
-"""[s] How long a request waits for its service: discovery takes a moment."""
+"""[s] How long a request waits for its service, as discovery takes a moment, and for the answer to
+the one before it about the same tool."""
 
 
 class _Asked(NamedTuple):
@@ -100,7 +101,10 @@ class Requests:
         if hasattr(request, "request_id"):
             request.request_id = self.new_id(person)
         until = time.monotonic() + SERVICE_PATIENCE
-        self._waiting.append(_Asked(until, person, service, request, answered))
+        asked = _Asked(until, person, service, request, answered)
+        if service == "set_tool":
+            self._drop_outdated(asked.tool)
+        self._waiting.append(asked)
         self.send()
 
     def new_id(self, person: Person) -> str:
@@ -127,6 +131,12 @@ class Requests:
             else:
                 self._waiting.append(one)
                 held_up.update({one.tool} - {""})
+
+    def _drop_outdated(self, tool: str) -> None:
+        """Of what a tool shall be only the newest counts, as while its size is dragged."""
+        last = next((one for one in reversed(self._waiting) if one.tool == tool), None)
+        if last is not None and last.service == "set_tool":
+            self._waiting.remove(last)
 
     def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
         return lambda done: self._soon(lambda: self._answer(asked, done.result()))
