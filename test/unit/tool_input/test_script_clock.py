@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tissue_interfaces.msg import Journal
 
-from tool_input import script_clock
+from tool_input.motion import Pose
 from tool_input.player import Player
 from tool_input.procedure import Event, parse_procedure
 from tool_input.script_clock import SimulationClock
@@ -27,7 +27,7 @@ class Organ:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.wall, self.sim_time, self.paused = 1000.0, 5.0, False
-        monkeypatch.setattr(script_clock.time, "monotonic", lambda: self.wall)
+        monkeypatch.setattr("tool_input.script_clock.time.monotonic", lambda: self.wall)
         self.clock = SimulationClock()
         self.frame()
         self.clock.start()
@@ -77,6 +77,12 @@ class Stage:
         self._organ = organ
         self._asked: list[tuple[int, bool]] = []
         self.done: list[tuple[str, float]] = []
+
+    def pose(self, tool: str, pose: Pose) -> None:
+        """It has no tools."""
+
+    def use(self, tool: str, pressed: bool) -> None:
+        """It has no tools."""
 
     def act(self, event: Event) -> None:
         self.done.append((str(event), self._organ.wall))
