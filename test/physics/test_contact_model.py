@@ -201,8 +201,9 @@ def test_feeling_changes_nothing(kind: str) -> None:
 
 
 def test_a_probes_model_is_the_force_it_feels() -> None:
-    """At rest, and without contact it is zero."""
-    simulation, contacts = simulation_of("quasi_static", TOOLS["probe"]), ContactModels()
+    """At rest, where all nodes stick, and without contact it is zero."""
+    sticky = replace(TOOLS["probe"], contact=replace(RIGID, contact_friction=1.0))
+    simulation, contacts = simulation_of("quasi_static", sticky), ContactModels()
     offset = np.array([0.0, 0.0, RADIUS, 0.0, 0.0, 0.0, 0.0])
     poses = [pose + offset for pose in pulled(np.array([0.0, 0.0, -0.003]), 10, 60)]
     model = run(simulation, poses, contacts)[0][-1]

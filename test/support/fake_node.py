@@ -40,16 +40,19 @@ class FakeQueue:
 
 
 class FakeFuture:
-    """An answer that is given at once."""
+    """An answer that is given at once, or when the node answers."""
 
-    def __init__(self, answer: Any) -> None:
-        self._answer = answer
+    def __init__(self, node: FakeNode, answer: Any) -> None:
+        self._node, self._answer = node, answer
 
     def result(self) -> Any:
         return self._answer
 
     def add_done_callback(self, callback: Callable[[FakeFuture], None]) -> None:
-        callback(self)
+        if self._node.thinks:
+            self._node.unanswered.append(lambda: callback(self))
+        else:
+            callback(self)
 
 
 class FakeClient:
@@ -63,9 +66,8 @@ class FakeClient:
 
     def call_async(self, request: Any) -> FakeFuture:
         self._node.asked.append((self._name, request))
-        return FakeFuture(
-            self._node.answers.get(self._name, SimpleNamespace(success=True, message=""))
-        )
+        success = SimpleNamespace(success=True, message="")
+        return FakeFuture(self._node, self._node.answers.get(self._name, success))
 
 
 class FakeNode:
@@ -76,6 +78,8 @@ class FakeNode:
         asked: Service and request of all that was asked for.
         answers: Answer by service; a success, if there is none.
         missing: Services that are not there.
+        thinks: Whether services answer only when the test calls what is in `unanswered`.
+        unanswered: Gives the answers that are due, in the order of the requests.
         listeners: How many listen to each topic.
         rivals: How many others publish a topic.
         said: What was logged.
@@ -94,6 +98,8 @@ class FakeNode:
         self.asked: list[tuple[str, Any]] = []
         self.answers: dict[str, Any] = {}
         self.missing: set[str] = set()
+        self.thinks = False
+        self.unanswered: list[Callable[[], None]] = []
         self.listeners = 1
         self.rivals: dict[str, int] = {}
         self.said: list[str] = []

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tissue_sim.frame import Budget, Edge, FrameInputs, ToolSample
 from tissue_sim.geometry import scene_geometry
+from tissue_sim.interaction.contact import Contact
 from tissue_sim.interaction.contact_model import ContactModel, ContactModels
 from tissue_sim.interaction.tools import ToolSpec
 from tissue_sim.scene import Scene
@@ -39,19 +40,20 @@ class Felt:
 class PressedBlock:
     """A block of tissue that a probe presses from above, one frame after the other."""
 
-    def __init__(self, model: str = "quasi_static") -> None:
+    def __init__(self, model: str = "quasi_static", contact: Contact | None = None) -> None:
         """Begin above the block."""
-        tool = ToolSpec("probe", kind="probe", shape="sphere", size=(RADIUS,))
+        contact = contact or Contact()
+        tool = ToolSpec("probe", kind="probe", shape="sphere", size=(RADIUS,), contact=contact)
         mesh = scene_geometry.load("block", parameters=SIZES).mesh
         levels = {"quasi_static": {"levels": 1000.0}}
         self.simulation = Simulation(mesh, Scene(model=model, parameters=levels, tools=(tool,)))
         self.contacts = ContactModels()
 
-    def frame(self, pose: Reals) -> ContactModel:
+    def frame(self, pose: Reals, steps: int = 10) -> ContactModel:
         """Advance by one frame with the probe at a pose."""
         edge: Edge = 1 if self.simulation.frame == 0 else 0
         samples = (ToolSample("probe", pose, 0, True, edge),)
-        self.simulation.advance(FrameInputs(tools=samples), Budget(steps=10))
+        self.simulation.advance(FrameInputs(tools=samples), Budget(steps=steps))
         return self.contacts.of(self.simulation, "probe")
 
 

@@ -100,6 +100,10 @@ class PageClient:
         """Lose the connection without a word."""
         self._socket.socket.shutdown(socket.SHUT_RDWR)
 
+    def fall_silent(self) -> None:
+        """Answer nothing any more, not even pings, with the connection open: a pulled cable."""
+        self._socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign]
+
     def _take(self, message: dict[str, Any], arrays: list[bytes]) -> None:
         name = message.get("name", "")
         found = message.get("props") or message.get("updates") or {}

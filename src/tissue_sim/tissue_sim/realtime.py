@@ -60,6 +60,30 @@ def take_priority(priority: int, everywhere: bool = False) -> str:
     return ""
 
 
+def start_loop(
+    run: Callable[[], None], priority: int, tell: Callable[[str], None]
+) -> threading.Thread:
+    """Get the process ready for a loop with deadlines, and start that in a thread of its own.
+
+    Args:
+        run: The loop.
+        priority: SCHED_FIFO priority of its thread, 0 to 99; that of all others is one less.
+        tell: Called with why the system does not allow it, if it does not.
+    """
+    prepare_process()
+    refused = take_priority(max(priority - 1, 0), everywhere=True)
+    if refused:
+        tell(refused)
+
+    def loop() -> None:
+        take_priority(priority)
+        run()
+
+    thread = threading.Thread(target=loop, name="loop", daemon=True)
+    thread.start()
+    return thread
+
+
 class FixedRate:
     """Deadlines on a grid that starts once and never drifts.
 

@@ -31,7 +31,7 @@ from tissue_sim.live import LiveSimulation, mesh_for_keyframe
 from tissue_sim.node_main import declare, overrides, run
 from tissue_sim.playback.parameters import clock_of, player_of
 from tissue_sim.playback.played import PlayedSimulation
-from tissue_sim.realtime import FixedRate, prepare_process, take_priority
+from tissue_sim.realtime import FixedRate, start_loop
 from tissue_sim.rehearsal import rehearse
 from tissue_sim.simulation import Simulation
 from tissue_sim.simulation_parameters import Settings, force_limits, specs, tool_limits
@@ -102,12 +102,8 @@ class SimulationNode(Node):
         group = MutuallyExclusiveCallbackGroup()
         self.create_timer(HOUSEKEEPING, self._diagnose, callback_group=group)
         self._rivals.watch(lambda: self._live.simulation.epoch, self._give_way)
-        prepare_process()
-        refused = take_priority(max(self._values["realtime_priority"] - 1, 0), everywhere=True)
-        if refused:
-            self.get_logger().info(refused)
-        self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
-        self._thread.start()
+        priority = self._values["realtime_priority"]
+        self._thread = start_loop(self._run, priority, self.get_logger().info)
 
     def close(self) -> None:
         """End the loop and wait for it."""
@@ -181,7 +177,6 @@ class SimulationNode(Node):
     # The loop thread
 
     def _run(self) -> None:
-        take_priority(self._values["realtime_priority"])
         try:
             self._wait_for_others()
             self._rate.start()

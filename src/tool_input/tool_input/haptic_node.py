@@ -21,7 +21,7 @@ from tissue_sim import conversions, node_main, qos
 from tissue_sim.contact_messages import contact_from_msg
 from tissue_sim.interaction.tools import PROBE
 from tissue_sim.polled_subscriptions import PolledSubscriptions
-from tissue_sim.realtime import FixedRate, prepare_process, take_priority
+from tissue_sim.realtime import FixedRate, start_loop
 from tool_input.arm_parameters import named
 from tool_input.crtk_arm import CrtkArm
 from tool_input.diagnostics_topic import DiagnosticsTopic
@@ -70,13 +70,7 @@ class HapticNode(Node):
         self._diagnostics = DiagnosticsTopic(self)
         self.create_timer(LOOK_SECONDS, self._look)
         self._stop = threading.Event()
-        prepare_process()
-        # As in the simulation: the loop waits for the middleware's threads.
-        refused = take_priority(max(values["realtime_priority"] - 1, 0), everywhere=True)
-        if refused:
-            self.get_logger().info(refused)
-        self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
-        self._thread.start()
+        self._thread = start_loop(self._run, values["realtime_priority"], self.get_logger().info)
 
     def close(self) -> None:
         """End the loop; the last force is none."""
@@ -92,7 +86,6 @@ class HapticNode(Node):
     # The loop thread
 
     def _run(self) -> None:
-        take_priority(self._values["realtime_priority"])
         try:
             self._rate.start()
             while self._rate.wait(self._stop):

@@ -94,6 +94,8 @@ class ScriptNode(Node):
     def act(self, event: Event) -> None:
         """Call the service an event needs, or show its label."""
         self._say(event.target if event.action == "label" else str(event))
+        if event.action == "pause" and self._clock_source is not None:
+            self._clock_source.pause(bool(event.value))
         if event.action != "label":
             self._requests.send(event)
 

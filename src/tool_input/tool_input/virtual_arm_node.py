@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from tissue_sim import conversions, node_main, qos
 from tissue_sim.parameters import Spec
 from tissue_sim.polled_subscriptions import PolledSubscriptions
-from tissue_sim.realtime import FixedRate, Window, prepare_process
+from tissue_sim.realtime import FixedRate, Window, start_loop
 from tissue_sim.whole_files import write_json
 
 OPEN, CLOSED = 0.5, 0.0
@@ -55,9 +55,7 @@ class VirtualArmNode(Node):
         # Also what lets the executor notice that it shall end.
         self.create_timer(LOOK_SECONDS, self._look)
         self._stop = threading.Event()
-        prepare_process()
-        self._thread = threading.Thread(target=self._run, name="loop", daemon=True)
-        self._thread.start()
+        self._thread = start_loop(self._run, 0, self.get_logger().info)
 
     def close(self) -> None:
         """Fall silent, and say what was measured."""

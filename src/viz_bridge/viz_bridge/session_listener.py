@@ -16,7 +16,7 @@ from tissue_sim.elastic.model import Material
 from tissue_sim.journal import JournalError, scene_of
 from tissue_sim.journal_messages import entry_from_msg
 from tissue_sim.report.session import Event
-from tool_input.procedure import ACTIONS
+from tissue_sim.script_words import SCRIPTED
 from viz_bridge.bag_reader import BagMessage
 from viz_bridge.cdr import Message
 from viz_bridge.cut_follower import CutFollower
@@ -26,8 +26,6 @@ from viz_bridge.stress_follower import TOPIC as READINGS
 from viz_bridge.stress_follower import StressFollower
 
 JOURNAL, HOLES = "tissue/journal", "tissue/holes"
-SCRIPTED = (*ACTIONS, "continue", "over")
-"""First words of what a script says it does; anything else is a label."""
 QUIET = ("start", "set_tool", "remove_tool")
 """Commands that are no event of an operation."""
 

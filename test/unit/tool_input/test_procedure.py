@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tissue_sim.scene_file import config_folder
+from tissue_sim.script_words import SCRIPTED
 from tool_input.located_yaml import ProcedureError
 from tool_input.motion import Motion, Pose
 from tool_input.player import Player
-from tool_input.procedure import Event, Procedure, load_procedure, parse_procedure
+from tool_input.procedure import ACTIONS, Event, Procedure, load_procedure, parse_procedure
 
 TEXT = """\
 title: example
@@ -282,3 +283,7 @@ def test_a_burning_tool_is_read_with_its_radius() -> None:
     hook = "  hook: {kind: burn, shape: sphere, size: [2], start: {position: [0, 0, 10]}}\n"
     tool = parse_procedure(TEXT.replace("  knife:", f"{hook}  knife:")).tools["hook"]
     assert (tool.kind, tool.shape, tool.size) == ("burn", "sphere", (0.002,))
+
+
+def test_reports_tell_what_a_script_does_from_its_labels() -> None:
+    assert {*ACTIONS, "continue", "over"} == set(SCRIPTED)

@@ -18,6 +18,7 @@ from tissue_sim import conversions
 from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tool_input.page_guard import PageGuard
+from tool_input.table import page
 from tool_input.table.desk import Desk
 from tool_input.table.page import TablePage
 from tool_input.table.page_scene import ORGAN_SIZE
@@ -140,6 +141,25 @@ def test_windows_are_persons_and_one_that_is_lost_lets_go_of_its_own(table: Tabl
     bert.drag("update", tissue_node(bert), WITHIN, (0.3, 0.1, 1.0))
     before = table.place("person_1_grab")
     table.until(lambda: table.place("person_1_grab") > before + 1e-3, "a tool that goes on")
+
+
+def test_a_window_that_falls_silent_is_let_go_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its connection is open for the system: only the pings tell."""
+    monkeypatch.setattr(page, "PING_SECONDS", 0.2)
+    monkeypatch.setattr(page, "PONG_SECONDS", 4.0)
+    table = Table(Mesh(block(4, 4, 4)))
+    try:
+        anna = table.opens("/as/anna?token=act")
+        grab(anna)
+        table.until(lambda: table.pressed("anna_1_grab"), "a grab")
+        table.leaves(anna)
+        anna.fall_silent()
+        table.until(lambda: not table.page.persons, "the end of a person")
+        assert not table.pressed("anna_1_grab")
+        gone = [request.tool for request in table.node.asked_for("tissue/remove_tool")]
+        assert gone == ["anna_1_grab"]
+    finally:
+        table.close()
 
 
 def test_observers_see_and_can_do_nothing_whatever_their_window_sends(table: Table) -> None:

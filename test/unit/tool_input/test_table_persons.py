@@ -55,21 +55,64 @@ def test_persons_have_tools_of_their_own(node: FakeNode, desk: Desk) -> None:
     assert (pose.pose.position.x, pose.pose.orientation.w) == (0.1, 1.0)
 
 
+def places(node: FakeNode, tool: str) -> list[float]:
+    """Where along x a tool was wanted [m], one after the other."""
+    return [pose.pose.position.x for pose in node.published_on(f"tools/{tool}/servo_cp")]
+
+
 def test_a_press_is_an_edge_for_who_listens_however_late(node: FakeNode, desk: Desk) -> None:
     """The first level a simulation hears makes no edge."""
     node.listeners = 0
     tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
     tool.move([0, 0, 0])
     tool.use(True)
-    node.published.clear()
+    assert uses(node, tool.id) == []
     node.listeners = 1
-    tool.repeat()
-    assert uses(node, tool.id) == [False, True]
-    tool.repeat()
-    assert uses(node, tool.id) == [False, True]
+    for _ in range(2):
+        tool.repeat()
+        assert uses(node, tool.id) == [False, True]
     node.listeners = 2  # A recorder: the simulation has heard of the press.
     tool.repeat()
     assert uses(node, tool.id) == [False, True, True]
+    node.listeners = 0
+    tool.repeat()
+    node.listeners = 1  # Another simulation.
+    tool.repeat()
+    assert uses(node, tool.id)[3:] == [False, True]
+
+
+def test_a_press_that_nobody_hears_yet_waits_where_it_was_made(node: FakeNode, desk: Desk) -> None:
+    """The hand goes on meanwhile, and the tool follows it once it was pressed."""
+    node.listeners = 0
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0.1, 0, 0])
+    tool.use(True)
+    tool.move([0.2, 0, 0])
+    node.listeners = 1
+    tool.repeat()
+    assert set(places(node, tool.id)) == {0.1}
+    topics = [topic.rpartition("/")[2] for topic, _ in node.published]
+    assert topics[-3:] == ["servo_cp", "use", "use"]
+    tool.repeat()
+    assert places(node, tool.id)[-1] == 0.2
+
+
+def test_a_press_that_is_over_before_anybody_hears_is_never_sent(
+    node: FakeNode, desk: Desk
+) -> None:
+    """Late, it would hold what lies where the hand was, and nobody would see why."""
+    node.listeners = 0
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0.1, 0, 0])
+    tool.use(True)
+    tool.move([0.2, 0, 0])
+    tool.use(False)
+    node.listeners = 1
+    tool.repeat()
+    assert uses(node, tool.id) == [False]
+    assert places(node, tool.id)[-1] == 0.2
+    tool.use(True)
+    assert uses(node, tool.id) == [False, True]
 
 
 def test_a_pose_comes_before_the_press_that_belongs_to_it(node: FakeNode, desk: Desk) -> None:
@@ -147,6 +190,58 @@ def test_requests_wait_for_their_own_service_but_not_for_ever(
     node.missing = set()
     desk.hear()
     assert len(node.asked) == 2
+
+
+def test_requests_for_one_tool_go_one_after_the_other(node: FakeNode, desk: Desk) -> None:
+    """A tool that is taken away and made again is there in the end."""
+    anna, bert = person(desk)[0], person(desk, "bert-1")[0]
+    node.thinks = True
+    for _ in range(2):
+        anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+        anna.tools.remove("grab")
+    anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    bert.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    set_one, remove = "tissue/set_tool", "tissue/remove_tool"
+    # Others need not wait for it.
+    assert [service for service, _ in node.asked] == [set_one, set_one]
+    while node.unanswered:
+        assert len(node.unanswered) <= 2
+        node.unanswered.pop(0)()
+    asked = [service for service, request in node.asked if "bert" not in str(request)]
+    assert asked == [set_one, remove, set_one, remove, set_one]
+
+
+def test_only_the_newest_of_the_changes_that_wait_is_asked_for(node: FakeNode, desk: Desk) -> None:
+    """A slider that is dragged sends many more than are answered meanwhile."""
+    anna, _ = person(desk)
+    node.thinks = True
+    for size in (0.005, 0.006, 0.007, 0.008):
+        anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [size])
+    anna.tools.remove("grab")
+    anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.009])
+    while node.unanswered:
+        node.unanswered.pop(0)()
+    sizes = [request.tool.size[0] for request in node.asked_for("tissue/set_tool")]
+    assert len(sizes) == 3
+    assert sizes[1:] == [0.008, 0.009]
+    assert len(node.asked_for("tissue/remove_tool")) == 1
+
+
+def test_a_tool_does_not_wait_for_ever_for_an_answer(
+    node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("tool_input.table.requests.time.monotonic", lambda: now)
+    node.thinks = True
+    anna, told = person(desk)
+    anna.tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    anna.tools.remove("grab")
+    desk.hear()
+    assert len(node.asked) == 1
+    now += 60.0
+    desk.hear()
+    assert [service for service, _ in node.asked] == ["tissue/set_tool", "tissue/remove_tool"]
+    assert told == []
 
 
 @pytest.mark.parametrize("service", sorted(set(SERVICES) - OBSERVERS_MAY))

@@ -22,7 +22,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True)
 class Contact(ToolNumbers):
-    """A penalty contact, p = max(0, -kappa g - delta dg/dt) with the gap g < 0 inside the probe.
+    """A penalty contact, p = max(0, kappa d + delta dd/dt) at the depth d of penetration.
 
     Attributes:
         contact_stiffness: kappa [Pa/m].

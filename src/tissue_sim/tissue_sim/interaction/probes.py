@@ -59,9 +59,11 @@ class Touch:
         anchors: Where each first touched the probe, in its axes [m], shape (k, 3).
         area: Surface of each [m^2], shape (k,).
         tissue: Bound of the tissue's stiffness at each [N/m], shape (k,).
-        gap: Gap of each when the frame began, with the probe where it is now [m], shape (k,).
+        gap: Gap of each before the frame, with the probe where it was then [m], at most 0,
+            shape (k,): the penetration's rate contains the motion of both.
         force: Force of the probe on each [N], shape (k, 3).
         near: Nodes that are looked at in every frame.
+        pose: Of the probe in the frame before, shape (7,); None: there was none.
     """
 
     rows: Rows = field(default_factory=_no_rows)
@@ -72,7 +74,7 @@ class Touch:
     force: Reals = field(default_factory=lambda: np.empty((0, 3)))
     near: Rows = field(default_factory=_no_rows)
     turn: int = 0
-    last_tip: Reals | None = None
+    pose: Reals | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,10 @@ class Probes:
             capsule = capsule_of(tool, pose)
             self._search(touch, capsule, state, taken)
             self._renew(touch, capsule, pose, state, model, taken)
+            last = capsule if touch.pose is None else capsule_of(tool, touch.pose)
+            # Outside there is no penetration whose rate could be damped.
+            touch.gap = np.minimum(self._gaps(touch.rows, last, state)[0], 0.0)
+            touch.pose = pose.copy()
             taken[touch.rows] = True
             used[tool.id] = touch
         self.touches = used
@@ -208,12 +214,11 @@ class Probes:
         if len(self._found) < mesh.node_capacity:
             self._found = np.empty(mesh.node_capacity, dtype=np.int32)
         tip, radius = capsule.tip, capsule.radius
-        jumped = touch.last_tip is None or np.linalg.norm(tip - touch.last_tip) > NEAR * radius
+        jumped = touch.pose is None or np.linalg.norm(tip - touch.pose[:3]) > NEAR * radius
         rows = mesh.node_rows
         first = 0 if jumped else rows * touch.turn // TURNS
         last = rows if jumped else rows * (touch.turn + 1) // TURNS
         touch.turn = (touch.turn + 1) % TURNS
-        touch.last_tip = tip.copy()
         part = np.arange(first, last, dtype=np.int32)
         looked = part if jumped else np.union1d(touch.near, part).astype(np.int32)
         looked = looked[mesh.node_alive[looked] & ~taken[looked] & ~mesh.fixed[looked]]
@@ -256,7 +261,6 @@ class Probes:
         touch.tissue = np.concatenate([touch.tissue[stays], tissue])[order]
         touch.rows = rows[order].astype(np.int32)
         touch.force = np.zeros((len(rows), 3))
-        touch.gap, _ = self._gaps(touch.rows, capsule, state)
 
     def _surface(self, rows: Rows, model: Model) -> tuple[Reals, Reals]:
         """Surface of nodes [m^2], and a bound of what the tissue resists at them [N/m]."""

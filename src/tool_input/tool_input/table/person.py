@@ -27,6 +27,10 @@ class PersonTool:
 
     While it has a pose that pose is published again and again, as a hand that rests would.
 
+    A press waits until somebody listens to both its topics, and the tool where it was pressed; one
+    that is over by then is not sent. The publishers are there before the tool, so the simulation
+    knows them when it begins to listen, and hears from then on what is sent, in this order.
+
     Attributes:
         name: Its name among the person's tools, such as "grab".
         id: Its name in the simulation, `<person>_<name>`.
@@ -51,6 +55,9 @@ class PersonTool:
         self.pressed = False
         self._topics = ToolTopics(person.desk.node, self.id, person.desk.frame_id)
         self._listeners = 0
+        self._rests = False
+        self._told: bool | None = None
+        self._press_waits_at: Pose | None = None
 
     def change(self, kind: str, shape: str, size: Sequence[float], **more: Any) -> None:
         """Ask for another kind, shape or size [m] of it; `more` are fields of `Tool`."""
@@ -68,25 +75,39 @@ class PersonTool:
         if quaternion is not None:
             turned = np.asarray(quaternion, dtype=np.float64)
         self.pose = Pose(np.asarray(position, dtype=np.float64), turned)
-        self._topics.pose(self.pose)
+        self._tell_pose()
 
     def use(self, pressed: bool) -> None:
         """Press or release it where it is."""
-        self.repeat()
         self.pressed = pressed
-        self._topics.use(pressed)
+        self._press_waits_at = self.pose if pressed else None
+        self.repeat()
 
     def repeat(self) -> None:
-        """Publish where it is once more, and whether it is pressed to who has begun to listen."""
-        if self.pose is not None:
-            self._topics.pose(self.pose)
+        """Publish where it is once more, and of its use what is not known to who listens."""
+        # Counted before the pose is sent: whoever is told of a press has been sent the pose.
         listeners = self._topics.listeners
-        if listeners > self._listeners:
-            if self._listeners == 0 and self.pressed:
-                # The first level that is heard makes no edge: the press must be the second.
-                self._topics.use(False)
-            self._topics.use(self.pressed)
-        self._listeners = listeners
+        self._tell_pose()
+        self._tell_use(listeners)
+
+    def _tell_pose(self) -> None:
+        pose = self.pose if self._press_waits_at is None else self._press_waits_at
+        if pose is not None:
+            self._topics.pose(pose)
+
+    def _tell_use(self, listeners: int) -> None:
+        before, self._listeners = self._listeners, listeners
+        if listeners > before:
+            # The first level that is heard makes no edge: a press must be the second.
+            self._say(self.pressed if before else self._rests)
+        if listeners:
+            if self._told != self.pressed:
+                self._say(self.pressed)
+            self._press_waits_at = None
+
+    def _say(self, pressed: bool) -> None:
+        self._told = pressed
+        self._topics.use(pressed)
 
     def remove(self) -> None:
         """Let go and take it out of the simulation."""
@@ -114,7 +135,7 @@ class TakenTool(PersonTool):
         """Take a tool that is there."""
         super().__init__(person, tool.id, tool.id)
         self.message = tool
-        self.pressed = tool.pressed
+        self.pressed = self._rests = tool.pressed
         self._used = False
 
     def move(self, position: ArrayLike, quaternion: ArrayLike | None = None) -> None:
@@ -125,16 +146,12 @@ class TakenTool(PersonTool):
 
     def use(self, pressed: bool) -> None:
         """Press or release it where it is."""
-        if not self._used:
-            # The simulation may not have heard a level yet, and the first one makes no edge.
-            self._topics.use(self.pressed)
-            self._used = True
+        self._used = True
         super().use(pressed)
 
-    def repeat(self) -> None:
-        """Publish once more where it is, if it was moved."""
-        if self.pose is not None:
-            self._topics.pose(self.pose)
+    def _tell_use(self, listeners: int) -> None:
+        if self._used:
+            super()._tell_use(listeners)
 
     def remove(self) -> None:
         """Let go and leave it where it is."""

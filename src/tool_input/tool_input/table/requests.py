@@ -44,7 +44,8 @@ OBSERVERS_MAY = frozenset({"set_readings"})
 
 
 SERVICE_PATIENCE = 5.0
-"""[s] How long a request waits for its service: discovery takes a moment."""
+"""[s] How long a request waits for its service, as discovery takes a moment, and for the answer to
+the one before it about the same tool."""
 
 
 class _Asked(NamedTuple):
@@ -56,9 +57,19 @@ class _Asked(NamedTuple):
     request: Any
     answered: Callable[[Any], None] | None
 
+    @property
+    def tool(self) -> str:
+        """The tool it is about; empty: none."""
+        tool = getattr(self.request, "tool", "")
+        return str(getattr(tool, "id", tool))
+
 
 class Requests:
-    """Everybody's requests on their way: each waits for its own service, but not for ever."""
+    """Everybody's requests on their way: each waits for its own service, but not for ever.
+
+    Those about one tool go one after the other, each when the one before is answered: services are
+    independent, and making a tool could be overtaken by removing the one of that name before it.
+    """
 
     def __init__(self, node: Node, soon: Callable[[Callable[[], None]], None]) -> None:
         """Begin without requests.
@@ -72,6 +83,7 @@ class Requests:
         self._clients: dict[str, Client] = {}
         self._numbers = itertools.count(1)
         self._waiting: list[_Asked] = []
+        self._under_way: dict[str, float] = {}
 
     def ask(
         self,
@@ -89,7 +101,10 @@ class Requests:
         if hasattr(request, "request_id"):
             request.request_id = self.new_id(person)
         until = time.monotonic() + SERVICE_PATIENCE
-        self._waiting.append(_Asked(until, person, service, request, answered))
+        asked = _Asked(until, person, service, request, answered)
+        if service == "set_tool":
+            self._drop_outdated(asked.tool)
+        self._waiting.append(asked)
         self.send()
 
     def new_id(self, person: Person) -> str:
@@ -99,14 +114,29 @@ class Requests:
     def send(self) -> None:
         """Send what waits for a service that is there; tell of what has waited for too long."""
         asked, self._waiting = self._waiting, []
+        now = time.monotonic()
+        # A service that died answers nothing: its tools do not wait for ever.
+        self._under_way = {tool: end for tool, end in self._under_way.items() if end > now}
+        held_up: set[str] = set()
         for one in asked:
             client = self._client(one.service)
-            if client.service_is_ready():
+            if one.tool in self._under_way or one.tool in held_up:
+                self._waiting.append(one)
+            elif client.service_is_ready():
+                if one.tool:
+                    self._under_way[one.tool] = now + SERVICE_PATIENCE
                 client.call_async(one.request).add_done_callback(self._finishing(one))
-            elif time.monotonic() > one.until:
+            elif now > one.until:
                 one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
             else:
                 self._waiting.append(one)
+                held_up.update({one.tool} - {""})
+
+    def _drop_outdated(self, tool: str) -> None:
+        """Of what a tool shall be only the newest counts, as while its size is dragged."""
+        last = next((one for one in reversed(self._waiting) if one.tool == tool), None)
+        if last is not None and last.service == "set_tool":
+            self._waiting.remove(last)
 
     def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
         return lambda done: self._soon(lambda: self._answer(asked, done.result()))
@@ -118,6 +148,8 @@ class Requests:
         return self._clients[service]
 
     def _answer(self, asked: _Asked, answer: Any) -> None:
+        self._under_way.pop(asked.tool, None)
+        self.send()
         if asked.service == "set_readings":
             refusals = [result.reason for result in answer.results if not result.successful]
             success, message = not refusals, "; ".join(refusals)
