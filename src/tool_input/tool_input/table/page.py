@@ -128,7 +128,7 @@ class TablePage:
     def _shut(self, client: viser.ClientHandle) -> None:
         window = self._windows.pop(client.client_id, None)
         if window is not None:
-            window.close()
+            window.person.attempt(window.close)
             self._desk.node.get_logger().info(f"{window.person.name} has gone")
 
 
