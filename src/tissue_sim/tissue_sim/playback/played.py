@@ -167,7 +167,8 @@ class PlayedSimulation(LiveSimulation):
 
     def _watched(self, until: float) -> Frame:
         """Play what is due; what its last frame shows, with the edits of all."""
-        player, edits = self.player, tuple[AppliedEdit, ...]()
+        player = self.player
+        edits: tuple[AppliedEdit, ...] = ()
         differing = player.differing
         for left in reversed(range(self._due)):
             frame = player.play()
