@@ -99,6 +99,10 @@ def test_an_arm_feels_the_wall_until_it_is_gone(world: Processes, ros_domain: in
         wait_for(
             lambda: "for more than 0.5 s" in seen.finding("/haptic: input"), 60.0, "the unplugging"
         )
+        # The probe was pressed: it stops where it is, and then presses no more.
+        wait_for(lambda: seen.tools["finger"].state == "frozen", 60.0, "the freeze")
+        wait_for(lambda: "let go" in seen.tools["finger"].reason, 60.0, "the end of the press")
+        wait_for(lambda: "let go" in seen.finding("/tissue_sim: tool finger"), 60.0, "diagnostics")
         assert world.end("haptic", signal.SIGINT) == 0
         assert max(seen.forces) <= MAX_FORCE + 1e-9
         for message in seen.models:

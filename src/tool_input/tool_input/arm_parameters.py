@@ -16,7 +16,9 @@ ARM = (
     Spec("arm", "string", "", "namespace of the arm's topics, such as PSM1"),
     Spec("tool", "string", "", "the tool it drives"),
     Spec("frame_id", "string", "organ", "frame the base below is given in"),
-    Spec("base_position", "doubles", [0.0, 0.0, 0.0], "the arm's base", "m", length=3),
+    Spec(
+        "base_position", "doubles", [0.0, 0.0, 0.0], "the arm's base", "m", -100.0, 100.0, length=3
+    ),
     Spec(
         "base_orientation",
         "doubles",

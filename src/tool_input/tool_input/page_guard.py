@@ -18,7 +18,6 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from http.cookies import SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -96,8 +95,8 @@ class PageGuard:
             headers: Request headers.
             target: Path and query of the request.
         """
-        host = headers.get("Host", "")
-        if not self._is_ours(_name(host)):
+        host, *more = headers.get_all("Host") or [""]
+        if more or not self._is_ours(_name(host)):
             return f"this page answers only to {', '.join(self._hosts)}, not to host '{host}'"
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != host:
@@ -114,7 +113,10 @@ class PageGuard:
         """A request handler that lets the guard speak first."""
 
         async def handler(connection: Any, request: Request) -> Response | None:
-            why = self.refusal(request.headers, request.path)
+            try:
+                why = self.refusal(request.headers, request.path)
+            except ValueError as error:
+                return _answer(http.HTTPStatus.BAD_REQUEST, f"it cannot be understood ({error})")
             if why:
                 return _answer(http.HTTPStatus.FORBIDDEN, why)
             target = urlsplit(request.path)
@@ -215,9 +217,12 @@ def _given_tokens(headers: Headers, target: str) -> list[str]:
     given = parse_qs(urlsplit(target).query).get("token")
     if given:
         return given[:1]
-    cookies = SimpleCookie("; ".join(headers.get_all("Cookie")))
+    # Not http.cookies: browsers send the cookies of all ports of a machine, and that parser gives
+    # up at the first one of another program that is not written as it should be.
+    pairs = (pair.partition("=") for pair in "; ".join(headers.get_all("Cookie")).split(";"))
+    cookies = {name.strip(): value.strip() for name, _, value in pairs}
     names = [f"{name}_{_port(headers)}" for name in (TOKEN, OBSERVER_TOKEN)]
-    return [cookies[name].value for name in names if name in cookies]
+    return [cookies[name] for name in names if name in cookies]
 
 
 def _name(host: str) -> str:

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.records import Message as Record
 from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
 from viz_bridge.bag_writer import bag_files
@@ -84,6 +85,9 @@ def summaries(bag: Path) -> dict[Path, Summary]:
     found = {}
     for path in bag_files(bag):
         with path.open("rb") as stream:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise BagError(f"{path} is no MCAP file: it {_is_instead(path)}")
+            stream.seek(0)
             try:
                 summary = make_reader(stream).get_summary()
             except DAMAGE:
@@ -95,6 +99,10 @@ def summaries(bag: Path) -> dict[Path, Summary]:
             )
         found[path] = summary
     return found
+
+
+def _is_instead(path: Path) -> str:
+    return "does not begin as one" if path.stat().st_size else "is empty"
 
 
 def read_bag(

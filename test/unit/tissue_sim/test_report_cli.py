@@ -154,6 +154,7 @@ def test_sessions_on_other_organs_are_not_compared(
         (("whole@",), "names nobody"),
         (("whole", "--expert", "dora"), "no session is by expert 'dora'"),
         (("whole", "--hand", "left"), "allowed: NAME=TOOL,TOOL"),
+        (("whole", "--hand", "left=grasper", "--hand", "right=grasper"), "each once, in one hand"),
         (("whole", "--hand", "left=hook"), "has no tool 'hook' for the hand left"),
         (("whole", "--idle-speed", "0"), "allowed: 0 to 1000 mm/s"),
         (("whole", "--plan", "study.yaml"), "study.yaml"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.geometry.shapes import block
 from tissue_sim.report.cut_surface import CutSurface, OpenedFaces, surface_of_cut
 from tissue_sim.report.plan import PlannedLine, PlannedSweep, deviation_of, read_plan
+from tissue_sim.report.session import CutMade, Session
+from tissue_sim.report.summary import Settings, figures_of
 from tool_input.located_yaml import ProcedureError
 
 WIDTH, THICK = 0.04, 0.006
@@ -80,6 +83,23 @@ def test_a_second_cut_is_measured_by_itself() -> None:
         assert len(lip) == len(other) == 60
         assert surface_of_cut(mesh, lip, other).area == pytest.approx(WIDTH * THICK)
     assert [len(faces) for faces in opened.look(mesh)] == [0, 0]
+
+
+def test_the_mean_depth_is_that_of_cuts_that_have_one() -> None:
+    """A slit of 40 x 6 mm; a sheet's cut has no area, one inside a wall no length."""
+    mesh, opened = plate(), OpenedFaces()
+    opened.look(mesh)
+    mesh.apply(split_at(mesh, MIDDLE))
+    through = surface_of_cut(mesh, *opened.look(mesh))
+    in_sheet, inside = replace(through, faces=np.empty((0, 3, 3))), replace(through, lines=())
+    cuts = tuple(
+        CutMade("split", "knife", 0.0, 0.0, 1, 0, surface, surface.faces)
+        for surface in (through, in_sheet, inside)
+    )
+    session = Session("s", "s", "plate", "", 0, (), np.zeros(1), 60.0, 0.0, cuts=cuts)
+    value = {figure.key: figure.value for figure in figures_of(session, Settings())}
+    assert value["cuts.length"] == pytest.approx(2 * WIDTH)
+    assert value["cuts.mean_depth"] == pytest.approx(THICK)
 
 
 def test_a_cut_in_a_sheet_has_a_length_and_no_depth() -> None:

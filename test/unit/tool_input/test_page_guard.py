@@ -69,6 +69,28 @@ def test_sessions_on_two_ports_do_not_take_each_others_cookies(guard: PageGuard)
     assert guard.refusal(headers, "/") != ""
 
 
+@pytest.mark.parametrize(
+    "other", ['seen={"a": 1}', "a,b=1", "x/y=2", "flag", 'name="a; b"', "=", ""]
+)
+def test_cookies_of_other_programs_of_the_machine_lock_nobody_out(
+    guard: PageGuard, other: str
+) -> None:
+    """Browsers send those of all its ports, however they are written."""
+    own = "tissue_token_8080=to-act"
+    for cookie in (f"{other}; {own}", f"{own}; {other}"):
+        assert guard.refusal(Headers(Host=HERE, Cookie=cookie), "/") == "", cookie
+
+
+def test_requests_that_cannot_be_understood_are_refused(guard: PageGuard) -> None:
+    for target, headers in (("//[x?token=to-act", {}), ("/?token=to-act", {"Origin": "http://["})):
+        answer, _ = asked(guard, target, **headers)
+        assert answer is not None
+        assert (answer.status_code, b"understood" in answer.body) == (400, True)
+    two = Headers(Host=HERE)
+    two["Host"] = "attacker.example"
+    assert guard.refusal(two, "/?token=to-act") != ""
+
+
 def test_pages_of_other_sites_are_refused_even_with_the_cookie(guard: PageGuard) -> None:
     headers = Headers(Host=HERE, Cookie="tissue_token_8080=to-act", Origin=f"http://{HERE}")
     assert guard.refusal(headers, "/") == ""

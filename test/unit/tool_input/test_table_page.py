@@ -20,6 +20,7 @@ from tissue_sim.geometry.shapes import block
 from tool_input.page_guard import PageGuard
 from tool_input.table import page
 from tool_input.table.desk import Desk
+from tool_input.table.grab_mode import GrabMode
 from tool_input.table.page import TablePage
 from tool_input.table.page_scene import ORGAN_SIZE
 
@@ -160,6 +161,24 @@ def test_a_window_that_falls_silent_is_let_go_of(monkeypatch: pytest.MonkeyPatch
         assert gone == ["anna_1_grab"]
     finally:
         table.close()
+
+
+def test_a_mode_that_fails_when_a_window_is_lost_holds_nothing_back(
+    table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    anna, bert = table.opens("/as/anna?token=act"), table.opens()
+    grab(anna)
+    grab(bert)
+    table.until(lambda: table.pressed("anna_1_grab"), "a grab")
+    table.until(lambda: table.pressed("person_1_grab"), "another grab")
+    monkeypatch.setattr(GrabMode, "leave", lambda mode: 1 / 0)
+    table.leaves(anna)
+    anna.drop()
+    table.until(lambda: not table.pressed("anna_1_grab"), "the release of what was held")
+    assert {request.tool for request in table.node.asked_for("tissue/remove_tool")} == {
+        "anna_1_grab"
+    }
+    assert table.pressed("person_1_grab")
 
 
 def test_observers_see_and_can_do_nothing_whatever_their_window_sends(table: Table) -> None:

@@ -68,6 +68,14 @@ def test_a_torn_bag_is_refused_and_recovered_to_a_prefix(bag: Path, share: float
     assert check(bag.parent / "whole").problems == []
 
 
+@pytest.mark.parametrize(("data", "says"), [(b"", "is empty"), (b"times: [1]\n", "does not begin")])
+def test_what_is_no_mcap_file_is_not_called_torn(tmp_path: Path, data: bytes, says: str) -> None:
+    path = tmp_path / "notes.mcap"
+    path.write_bytes(data)
+    with pytest.raises(BagError, match=rf"notes\.mcap is no MCAP file: it {says}"):
+        topic_counts(path)
+
+
 def test_flipped_bits_are_found(bag: Path) -> None:
     path = bag / "bag_0.mcap"
     data = bytearray(path.read_bytes())

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
 from support.workspace import REPOSITORY
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-PAGES = [README, *(page.read_text("utf-8") for page in sorted(REPOSITORY.glob("docs/*.md")))]
+PAGES = [REPOSITORY / "README.md", *sorted(REPOSITORY.glob("docs/*.md"))]
 EXAMPLE = re.compile(r"<!-- example: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
-EXAMPLES = [shown for page in PAGES for shown in EXAMPLE.findall(page)]
+EXAMPLES = [shown for page in PAGES for shown in EXAMPLE.findall(page.read_text("utf-8"))]
 
 
 def test_the_readme_shows_examples() -> None:
@@ -23,10 +24,22 @@ def test_examples_that_are_shown_are_the_files(path: str, shown: str) -> None:
     assert shown.strip() == (REPOSITORY / path).read_text(encoding="utf-8").strip()
 
 
-@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#]+)\)", README))))
-def test_links_of_the_readme_lead_somewhere(target: str) -> None:
-    if not target.startswith(("http:", "https:")):
-        assert (REPOSITORY / target).exists()
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    links = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
+    for link in links:
+        if link.startswith(("http:", "https:")):
+            continue
+        file, _, heading = link.partition("#")
+        target = page.parent / file if file else page
+        assert target.exists(), link
+        assert not heading or heading in headings(target), link
+
+
+def headings(page: Path) -> set[str]:
+    """What links to a page's headings are called."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 @pytest.mark.parametrize("target", sorted(set(re.findall(r"^make (\w+)", README, re.MULTILINE))))

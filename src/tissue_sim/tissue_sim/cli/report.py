@@ -98,12 +98,17 @@ def _entries(bags: list[str], study: Path | None) -> list[Entry]:
 
 
 def _hands(texts: list[str]) -> dict[str, tuple[str, ...]]:
-    hands = {}
+    hands: dict[str, tuple[str, ...]] = {}
     for text in texts:
         name, _, tools = text.partition("=")
         each = tuple(tool.strip() for tool in tools.split(",") if tool.strip())
         if not (name.strip() and each):
             raise ValueError(f"--hand {text!r} is not allowed; allowed: NAME=TOOL,TOOL")
+        every = [*each, *(tool for tools in hands.values() for tool in tools)]
+        if name.strip() in hands or len(set(every)) < len(every):
+            raise ValueError(
+                f"--hand {text!r} names a hand or a tool again; allowed: each once, in one hand"
+            )
         hands[name.strip()] = each
     return hands
 

@@ -51,7 +51,6 @@ class PlayedSimulation(LiveSimulation):
         self.branch: Branch | None = None
         self._shown = self.simulation.epoch
         self._due = 0
-        self._unpublished: tuple[AppliedEdit, ...] = ()
         self._notes: list[str] = []
         self._postponed: list[Request] = []
 
@@ -168,7 +167,8 @@ class PlayedSimulation(LiveSimulation):
 
     def _watched(self, until: float) -> Frame:
         """Play what is due; what its last frame shows, with the edits of all."""
-        player, edits = self.player, self._unpublished
+        player = self.player
+        edits: tuple[AppliedEdit, ...] = ()
         differing = player.differing
         for left in reversed(range(self._due)):
             frame = player.play()

@@ -204,7 +204,9 @@ def _cut_figures(session: Session, settings: Settings) -> Iterator[Figure]:
     areas = np.array([cut.surface.area for cut, _ in pairs])
     depths = np.array([cut.surface.depth for cut, _ in pairs])
     yield _figure("cuts.length", "cuts", "length", "m", _sum(lengths), why)
-    depth = _sum(areas) / _sum(lengths)
+    # Of those that have both: a sheet's cut has no area, one inside the wall no length.
+    both = np.isfinite(lengths + areas)
+    depth = _sum(areas[both]) / _sum(lengths[both])
     yield _figure("cuts.mean_depth", "cuts", "mean depth", "m", depth, why)
     yield _figure("cuts.depth", "cuts", "largest depth", "m", _largest(depths), why)
     held = [(cut.surface.length, apart) for cut, apart in pairs if apart is not None]

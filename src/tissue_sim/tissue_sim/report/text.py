@@ -27,7 +27,8 @@ def print_report(reported: Sequence[Reported], console: Console | None = None) -
         session = one.session
         role = f" ({one.entry.role})" if one.entry.role else ""
         cuts = "" if isinstance(session.cuts, Missing) else f", {len(session.cuts)} cuts"
-        line = f"{session.name}{role}: {session.organ}, {session.seconds:.1f} s{cuts}"
+        organ = session.organ or "an organ that is not recorded"
+        line = f"{session.name}{role}: {organ}, {session.seconds:.1f} s{cuts}"
         console.print(line, markup=False, soft_wrap=True)
         for note in session.notes:
             console.print(f"  {note}", markup=False, soft_wrap=True)

@@ -102,7 +102,7 @@ class TablePage:
     def close(self) -> None:
         """Close every window, and the page."""
         for client in list(self._windows):
-            self._windows.pop(client).close()
+            self._shut(client)
         self._server.stop()
 
     async def _came(self, client: viser.ClientHandle) -> None:
@@ -110,7 +110,7 @@ class TablePage:
         self._desk.soon(lambda: self._open(client, visitor))
 
     async def _went(self, client: viser.ClientHandle) -> None:
-        self._desk.soon(lambda: self._shut(client))
+        self._desk.soon(lambda: self._shut(client.client_id))
 
     def _open(self, client: viser.ClientHandle, visitor: Visitor) -> None:
         def tell(text: str) -> None:
@@ -125,10 +125,10 @@ class TablePage:
         self._windows[client.client_id] = Window(client, person)
         self._desk.node.get_logger().info(f"{name} has come")
 
-    def _shut(self, client: viser.ClientHandle) -> None:
-        window = self._windows.pop(client.client_id, None)
+    def _shut(self, client: int) -> None:
+        window = self._windows.pop(client, None)
         if window is not None:
-            window.close()
+            window.person.attempt(window.close)
             self._desk.node.get_logger().info(f"{window.person.name} has gone")
 
 

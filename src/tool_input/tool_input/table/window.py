@@ -104,9 +104,11 @@ class Window:
     def close(self) -> None:
         """The window is gone: what its person holds is let go, and their tools go."""
         self._drags.forget()
-        if self._mode is not None:
-            self._mode.leave()
-        self.person.leave()
+        try:
+            if self._mode is not None:
+                self._mode.leave()
+        finally:
+            self.person.leave()
 
     def _place(self, frame: TissueFrame) -> None:
         """Another organ, or the same from its start."""
