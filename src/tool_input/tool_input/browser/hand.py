@@ -124,13 +124,22 @@ class Hand:
             count: How many moves.
             rest: For how long the tissue is left alone after each [s].
             patience: How long a move may take to be seen [s]; one that is not counts as lost.
+
+        Raises:
+            TimeoutError: The tissue does not follow the hand.
         """
         x, y = (int(at) - MARGIN for at in np.round(self._start))
         region = [x, y, 2 * MARGIN, 2 * MARGIN]
         self._page.evaluate(_FOLLOW, [self._mesh, self._row, region])
+        rests_at = np.array(self._page.evaluate(_PLACE))
         self._window.press(self._start)
         # The first move of a drag only begins it.
         self._window.pull(self._start, self._start + WAY, 2)
+        self._window.until(
+            lambda: np.linalg.norm(self._page.evaluate(_PLACE) - rests_at) >= self._least,
+            "the tissue following the hand",
+            patience,
+        )
         self._window.move(self._start)
         self._page.wait_for_timeout(2e3 * rest)
         self._page.evaluate(_FORGET)
