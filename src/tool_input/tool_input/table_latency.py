@@ -76,7 +76,7 @@ class PageNotes:
         return cls(
             [clock(at) for at, said in watch["sent"] if said["type"] == "SceneNodeDragMessage"],
             [(clock(at), np.array(seen[0])) for at, _, seen in watch["batches"] if seen],
-            [clock(at) for at, count in watch["frames"] if count >= fewest],
+            [clock(at) for at, changed, _ in watch["frames"] if changed >= fewest],
         )
 
 

@@ -20,6 +20,7 @@ from tissue_sim.geometry.sheet_geometry import SheetSettings
 from tissue_sim.geometry.sutures import Sutures
 from tissue_sim.readings.fields import UNITS
 from tool_input.table.color_bar import ShownUnit, color_bar, legend
+from tool_input.table.mesh_pool import STILL
 from tool_input.table.organ_view import RECOLOR_PERIOD, OrganView
 from tool_input.table.page_scene import PageScene, Placement
 from tool_input.table.range_controls import RangeControls
@@ -314,6 +315,21 @@ def test_colours_wait_while_the_shape_follows() -> None:
 
 
 # Springs
+
+
+def test_what_nobody_would_see_move_is_shown_again_only_once_it_has_crept_far_enough() -> None:
+    mesh = block_mesh()
+    scene, view, _ = view_of(mesh)
+    surface = Surface.of(mesh)
+    view.show(frame_of(mesh, surface))
+    drawn = scene.meshes("/organ")[0]
+    first = drawn.vertices
+    rest = mesh.rest[: mesh.node_rows]
+    farthest = float(np.abs(rest).max()) * Placement.around(rest).scale
+    view.show(frame_of(mesh, surface, 1.0 + 0.6 * STILL / farthest))
+    assert drawn.vertices is first
+    view.show(frame_of(mesh, surface, 1.0 + 1.2 * STILL / farthest))
+    assert np.abs(drawn.vertices - first).max() == pytest.approx(1.2 * STILL, rel=0.1)
 
 
 def test_springs_of_tetrahedra_are_their_edges_on_the_surface_and_inside() -> None:

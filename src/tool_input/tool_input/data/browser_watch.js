@@ -8,7 +8,7 @@
     pointer: [],      // times of pointer moves [ms]
     sent: [],         // [time, message] of each message that the page sends
     batches: [],      // [time, bytes, places of the followed vertices or null] of each batch
-    frames: [],       // [time, pixels changed in the region] of each frame drawn
+    frames: [],       // [time, pixels changed in the region, whether the organ is a newer one]
     follow: null,     // {mesh, vertices: [rows]}: whose places to note
     blind: false,     // whether nothing is drawn, to see what all else takes
     region: null,     // [x, y, width, height] in the window, from its upper left corner
@@ -30,6 +30,7 @@
     return vertices || faces;
   };
 
+  let newer = false;  // whether the organ has come since the last frame
   const hear = (messages) => {
     let bytes = 0, moved = false;
     for (const message of messages) {
@@ -42,6 +43,7 @@
     const places = vertices
       ? watch.follow.vertices.map((row) => Array.from(vertices.subarray(3 * row, 3 * row + 3)))
       : null;
+    newer = newer || bytes > 0;
     watch.batches.push([performance.now(), bytes, places]);
   };
 
@@ -99,7 +101,8 @@
         queueMicrotask(() => {
           drawing = false;
           const count = changed(this);
-          watch.frames.push([performance.now(), count]);
+          watch.frames.push([performance.now(), count, newer]);
+          newer = false;
         });
       }
       if (!watch.blind) draw.apply(this, given);

@@ -18,6 +18,10 @@ _NOWHERE, _NOTHING = np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], d
 cannot bear. It is not made invisible: viser would end a drag on it, and hides and shows meshes a
 frame before it draws their new shapes, so that parts of two moments would be seen together."""
 
+STILL = 1e-4
+"""What has moved by less since it was shown is not shown again, in the page's units: a twentieth of
+a pixel where the organ is a thousand wide. Most of an organ stands still while a part is pulled."""
+
 
 @dataclass(frozen=True)
 class Look:
@@ -78,7 +82,9 @@ class MeshPool:
     def move(self, positions: NDArray[np.float32]) -> None:
         """Show the same parts elsewhere; see `show`."""
         for mesh, part in zip(self._meshes, self._parts, strict=False):
-            mesh.vertices = part.vertices(positions) if len(part.triangles) else _NOWHERE
+            vertices = part.vertices(positions) if len(part.triangles) else _NOWHERE
+            if not _shown(mesh.vertices, vertices):
+                mesh.vertices = vertices
 
     def _add(self) -> None:
         mesh = self._api.add_mesh_simple(
@@ -88,3 +94,8 @@ class MeshPool:
         self._meshes.append(mesh)
         if self._on_mesh is not None:
             self._on_mesh(mesh)
+
+
+def _shown(before: NDArray[np.float32], now: NDArray[np.float32]) -> bool:
+    """Whether nobody would see a difference between two sets of vertices."""
+    return before.shape == now.shape and bool(np.abs(now - before).max() < STILL)

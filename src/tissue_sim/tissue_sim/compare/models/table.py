@@ -84,17 +84,22 @@ def as_markdown(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def into_page(page: str, tables: str) -> str:
-    """A page with the tables between `BEGIN` and `END`, in place of what was there.
+def into_page(page: str, tables: str, begin: str = BEGIN) -> str:
+    """A page with the tables between two marks, in place of what was there.
+
+    Args:
+        page: The page.
+        tables: What shall stand there.
+        begin: Mark before them; `END` is the one after.
 
     Raises:
         ValueError: The page has no such marks.
     """
-    before, begin, rest = page.partition(BEGIN)
+    before, found, rest = page.partition(begin)
     _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"the page has no place for tables; it needs {BEGIN} and {END}")
-    return f"{before}{BEGIN}\n{tables}\n{END}{after}"
+    if not found or not end:
+        raise ValueError(f"the page has no place for tables; it needs {begin} and {END}")
+    return f"{before}{begin}\n{tables}\n{END}{after}"
 
 
 def _table(rows: Sequence[Row], organ: str, budget_ms: float, costs: dict[str, float]) -> str:
