@@ -314,7 +314,7 @@ def test_readings_warnings_and_holes_are_told_in_units() -> None:
         "**heart**, lr, paused",
         "as asked",
         "⚠ **septum**: 2.1 mm away (probe)",
-        "von mises stress: 12.3 kPa, highest 21 kPa",
+        "von Mises stress: 12.3 kPa, highest 21 kPa",
         "defect: 50% closed, gap 3.2 mm",
         "x: ?",
     ]

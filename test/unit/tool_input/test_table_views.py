@@ -174,7 +174,7 @@ def test_a_bar_has_numbers_that_people_read_and_a_unit() -> None:
     texts = [node.text for node in bar.iter("text")]
     assert texts == ["0", "10", "20", "30", "40", "50"]
     assert len(list(bar.iter("rect"))) == BANDS
-    assert "von mises stress [kPa]" in html
+    assert "von Mises stress [kPa]" in html
     assert "largest now 61.23 kPa" in html
 
 

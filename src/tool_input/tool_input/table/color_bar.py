@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.scalar_scale import Scale
 from tool_input.table.surface_parts import Color
 
@@ -44,7 +45,7 @@ class ShownUnit:
 
 def title(quantity: str, unit: ShownUnit) -> str:
     """What is written over the bar."""
-    words = quantity.replace("_", " ")
+    words = in_words(quantity)
     return f"{words} [{unit.name}]" if unit.name else words
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import viser
 from tissue_interfaces.msg import Hole, Reading, RiskWarning, Status
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.desk import Desk
 
 STATES = {
@@ -96,7 +97,7 @@ def _warning(warning: RiskWarning) -> str:
 
 
 def _reading(reading: Reading) -> str:
-    name = reading.name.replace("_", " ")
+    name = in_words(reading.name)
     peak, highest = (quantity(value, reading.unit) for value in (reading.peak, reading.highest))
     return f"{name}: {peak}, highest {highest}"
 
