@@ -40,16 +40,18 @@ class FakeQueue:
 
 
 class FakeFuture:
-    """An answer that is given at once."""
+    """An answer that is given at once, or never."""
 
-    def __init__(self, answer: Any) -> None:
+    def __init__(self, answer: Any, never: bool = False) -> None:
         self._answer = answer
+        self._never = never
 
     def result(self) -> Any:
         return self._answer
 
     def add_done_callback(self, callback: Callable[[FakeFuture], None]) -> None:
-        callback(self)
+        if not self._never:
+            callback(self)
 
 
 class FakeClient:
@@ -64,7 +66,8 @@ class FakeClient:
     def call_async(self, request: Any) -> FakeFuture:
         self._node.asked.append((self._name, request))
         return FakeFuture(
-            self._node.answers.get(self._name, SimpleNamespace(success=True, message=""))
+            self._node.answers.get(self._name, SimpleNamespace(success=True, message="")),
+            never=self._name in self._node.silent,
         )
 
 
@@ -76,6 +79,7 @@ class FakeNode:
         asked: Service and request of all that was asked for.
         answers: Answer by service; a success, if there is none.
         missing: Services that are not there.
+        silent: Services that never answer.
         listeners: How many listen to each topic.
         rivals: How many others publish a topic.
         said: What was logged.
@@ -94,6 +98,7 @@ class FakeNode:
         self.asked: list[tuple[str, Any]] = []
         self.answers: dict[str, Any] = {}
         self.missing: set[str] = set()
+        self.silent: set[str] = set()
         self.listeners = 1
         self.rivals: dict[str, int] = {}
         self.said: list[str] = []

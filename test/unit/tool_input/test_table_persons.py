@@ -149,6 +149,23 @@ def test_requests_wait_for_their_own_service_but_not_for_ever(
     assert len(node.asked) == 2
 
 
+def test_an_answer_that_does_not_come_is_told_once(
+    node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("tool_input.table.requests.time.monotonic", lambda: now)
+    node.silent = {"tissue/cut"}
+    anna, told = person(desk)
+    anna.request("cut", Cut.Request())
+    anna.request("undo", Undo.Request())
+    desk.hear()
+    assert told == []
+    now += 60.0
+    for _ in range(2):
+        desk.hear()
+    assert told == ["cut: no answer yet; it is still waited for."]
+
+
 @pytest.mark.parametrize("service", sorted(set(SERVICES) - OBSERVERS_MAY))
 def test_observers_can_ask_for_nothing_that_changes_the_tissue(
     node: FakeNode, desk: Desk, service: str

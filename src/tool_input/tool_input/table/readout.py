@@ -78,6 +78,8 @@ def quantity(value: float, unit: str) -> str:
     """A value with three digits and a prefix, such as "12.3 kPa"; no mPa, which reads as MPa."""
     if not unit:
         return f"{value:.3g}"
+    if unit == "%":
+        return f"{100.0 * value:.1f} %"
     size = abs(value)
     known = _PREFIXES[:4] if unit == "Pa" else _PREFIXES
     scale, prefix = next((one for one in known if size >= one[0]), known[-1])
@@ -98,8 +100,9 @@ def _warning(warning: RiskWarning) -> str:
 
 def _reading(reading: Reading) -> str:
     name = in_words(reading.name)
-    peak, highest = (quantity(value, reading.unit) for value in (reading.peak, reading.highest))
-    return f"{name}: {peak}, highest {highest}"
+    unit = "%" if "strain" in reading.name and not reading.unit else reading.unit
+    peak, highest = (quantity(value, unit) for value in (reading.peak, reading.highest))
+    return f"{name}: {peak}, max {highest}"
 
 
 def _hole(hole: Hole) -> str:

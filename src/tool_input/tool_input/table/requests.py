@@ -46,9 +46,15 @@ OBSERVERS_MAY = frozenset({"set_readings"})
 SERVICE_PATIENCE = 5.0
 """[s] How long a request waits for its service: discovery takes a moment."""
 
+SLOW_SECONDS = 3.0
+"""Of an answer that has not come after so long the person is told that it is waited for [s]."""
+
 
 class _Asked(NamedTuple):
-    """A request on its way to its service."""
+    """A request on its way to its service, or on its way back.
+
+    `until` is when patience ends [s]: with the service that is not there, or with its answer.
+    """
 
     until: float
     person: Person
@@ -72,6 +78,7 @@ class Requests:
         self._clients: dict[str, Client] = {}
         self._numbers = itertools.count(1)
         self._waiting: list[_Asked] = []
+        self._unanswered: dict[Any, _Asked] = {}
 
     def ask(
         self,
@@ -98,18 +105,32 @@ class Requests:
 
     def send(self) -> None:
         """Send what waits for a service that is there; tell of what has waited for too long."""
+        self._tell_of_slow()
         asked, self._waiting = self._waiting, []
         for one in asked:
             client = self._client(one.service)
             if client.service_is_ready():
-                client.call_async(one.request).add_done_callback(self._finishing(one))
+                answer = client.call_async(one.request)
+                self._unanswered[answer] = one._replace(until=time.monotonic() + SLOW_SECONDS)
+                answer.add_done_callback(self._finishing(one))
             elif time.monotonic() > one.until:
                 one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
             else:
                 self._waiting.append(one)
 
+    def _tell_of_slow(self) -> None:
+        now = time.monotonic()
+        for answer, one in list(self._unanswered.items()):
+            if now > one.until:
+                del self._unanswered[answer]
+                one.person.tell(f"{one.service}: no answer yet; it is still waited for.")
+
     def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
-        return lambda done: self._soon(lambda: self._answer(asked, done.result()))
+        def finish(done: Any) -> None:
+            self._unanswered.pop(done, None)
+            self._answer(asked, done.result())
+
+        return lambda done: self._soon(lambda: finish(done))
 
     def _client(self, service: str) -> Client:
         if service not in self._clients:
