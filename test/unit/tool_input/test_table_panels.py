@@ -155,7 +155,7 @@ def test_a_stroke_of_a_blade_is_undone_as_one(table: Table) -> None:
     Panel(table.person, table.gui)
     table.gui["Session"].set("Undo")
     assert len(table.asked("undo")) == 3
-    assert table.told == ["Undone: split. 1 more to undo."]
+    assert table.told == ["Undone: edit. 1 more to undo."]
 
 
 # Let go, pause, reset
