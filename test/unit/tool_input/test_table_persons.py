@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
-from tissue_interfaces.msg import Tool, ToolList
+from tissue_interfaces.msg import Playback, Tool, ToolList
 from tissue_interfaces.srv import Cut, SetTool, Undo
 
 from support.fake_node import FakeNode
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.shapes import block
 from tool_input.table.desk import Desk
 from tool_input.table.person import Person
 from tool_input.table.requests import OBSERVERS_MAY, SERVICES
@@ -214,3 +216,28 @@ def test_tools_are_shown_where_they_were_measured_last(node: FakeNode, desk: Des
     node.hears("tissue/tools", ToolList())
     desk.hear()
     assert desk.tools == {}
+
+
+def test_tools_that_only_a_recording_moves_are_shown_as_in_use(node: FakeNode, desk: Desk) -> None:
+    mesh = Mesh(block(2, 2, 2, 0.1, 0.1, 0.1))
+    desk.replica.take_keyframe(b"e", mesh)
+    desk.replica.take_state(b"e", mesh.version, 1, mesh.rest[: mesh.node_rows].astype(np.float32))
+    tools = [
+        Tool(id=name, kind=Tool.GRAB, shape=Tool.SPHERE, size=[0.01], state=Tool.FREE)
+        for name in ("moved", "resting")
+    ]
+    node.hears("tissue/tools", ToolList(tools=tools))
+    desk.hear()
+    pose = PoseStamped()
+    pose.pose.position.x = 0.25
+    node.hears("tools/moved/measured_cp", pose)
+
+    def states() -> list[str]:
+        desk.hear()
+        frame = desk.frame()
+        assert frame is not None
+        return [frame.tools[name].state for name in ("moved", "resting")]
+
+    assert states() == [Tool.FREE, Tool.FREE]
+    node.hears("tissue/playback", Playback())
+    assert states() == [Tool.ACTIVE, Tool.FREE]
