@@ -19,13 +19,16 @@ from viz_bridge.tool_shapes import DrawnTool
 
 _TOPICS = ("tissue/topology", "tissue/edits", "tissue/state", "tissue/tools", "tissue/journal")
 
+TIGHT_SECONDS = 1.0
+"""Simulated time after an edit in which its threads draw tight [s]."""
+
 
 @dataclass(frozen=True)
 class Moment:
     """The organ and its tools at one frame.
 
     Attributes:
-        name: before, pulled, cut_open, released, or the name asked for.
+        name: before, pulled, cut_open, patched, sewn, released, or the name asked for.
         caption: What is to be seen.
         sim_time: When [s].
         frame: Which frame.
@@ -33,6 +36,7 @@ class Moment:
         positions: Node positions [m], float32, shape (node_rows, 3).
         tools: The tools.
         focus: Where the operation takes place [m], shape (3,).
+        threads: Both ends of every stitch [m], float32, shape (n, 2, 3).
     """
 
     name: str
@@ -43,6 +47,7 @@ class Moment:
     positions: NDArray[np.float32]
     tools: tuple[DrawnTool, ...]
     focus: NDArray[np.float64]
+    threads: NDArray[np.float32]
 
 
 def lips(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -67,7 +72,8 @@ class MomentFinder:
     """Finds the standard moments while a session goes by.
 
     Before: the first state. Pulled: the largest displacement before the first cut (of all, if
-    nothing is cut). Cut open: the widest opening. Released: the last state.
+    nothing is cut). Cut open: the widest opening. Patched, sewn: with the most patches and the most
+    stitches, a moment after, when threads have drawn tight. Released: the last state.
     """
 
     def __init__(self) -> None:
@@ -78,6 +84,7 @@ class MomentFinder:
         self._found: dict[str, Moment] = {}
         self._last: Moment | None = None
         self._best = {"pulled": 0.0, "cut_open": 0.0}
+        self._repairs = {"patched": (0, 0.0), "sewn": (0, 0.0)}
         self._early: Message | None = None
 
     def take(self, topic: str, message: Message) -> None:
@@ -100,8 +107,7 @@ class MomentFinder:
         found = dict(self._found)
         if self._last is not None:
             found["released"] = self._last
-        order = ("before", "pulled", "cut_open", "released")
-        return [found[name] for name in order if name in found]
+        return sorted(found.values(), key=lambda moment: (moment.name == "released", moment.frame))
 
     def _changed(self, changed: bool) -> None:
         if changed:
@@ -139,7 +145,21 @@ class MomentFinder:
                 text = f"Cut open: the lips part by {1e3 * apart:.1f} mm"
                 focus = positions[copies].mean(axis=0).astype(np.float64)
                 self._found["cut_open"] = self._moment("cut_open", text, positions, focus)
+        self._take_repairs(mesh, positions)
         self._last = self._moment("released", "At the end", positions)
+
+    def _take_repairs(self, mesh: Mesh, positions: NDArray[np.float32]) -> None:
+        stitches = len(mesh.sutures.nodes)
+        now = {
+            "patched": (len(mesh.patches), "A patch is laid"),
+            "sewn": (stitches, f"Sewn: {stitches} stitch{'es' if stitches != 1 else ''}"),
+        }
+        for name, (count, caption) in now.items():
+            most, since = self._repairs[name]
+            if count > most:
+                most, since = self._repairs[name] = count, self._organ.sim_time
+            if count and count == most and self._organ.sim_time - since <= TIGHT_SECONDS:
+                self._found[name] = self._moment(name, caption, positions)
 
     def _moment(
         self,
@@ -164,6 +184,7 @@ class MomentFinder:
             positions,
             tools,
             middle if focus is None else focus,
+            positions[mesh.sutures.nodes],
         )
 
 

@@ -74,6 +74,7 @@ def arrays_of(moment: Moment, camera: Camera) -> dict[str, NDArray]:
     arrays: dict[str, NDArray] = {
         "camera": np.stack([camera.position, camera.target, camera.up]),
         "words": np.array([moment.caption, f"t = {moment.sim_time:.2f} s, frame {moment.frame}"]),
+        "threads": moment.threads,
     }
     for name in ("outside", "inside"):
         part = getattr(moment.surface, name)

@@ -70,10 +70,10 @@ WANTED = (
 
 
 class _Finder:
-    """Keeps the newest state that fits each picture, with the threads there are."""
+    """Keeps the newest state that fits each picture."""
 
     def __init__(self) -> None:
-        self.found: dict[str, tuple[Moment, NDArray[np.float32]]] = {}
+        self.found: dict[str, Moment] = {}
         self._organ = OrganFollower()
         self._surfaces: dict[int, OrganSurface] = {}
         self._edits = 0
@@ -107,17 +107,15 @@ class _Finder:
             if mesh.version not in self._surfaces:
                 self._surfaces[mesh.version] = surface_of(mesh)
             apart = 1e3 * opening(positions, *lips(mesh))
-            moment = Moment(
+            self.found[wanted.name] = Moment(
                 wanted.name, wanted.caption.format(opening=apart), organ.sim_time, organ.frame,
                 self._surfaces[mesh.version], positions.copy(),
                 tuple(copy.deepcopy(tool) for tool in organ.tools.by_id.values()), PLACE,
+                positions[mesh.sutures.nodes],
             )  # fmt: skip
-            self.found[wanted.name] = (moment, positions[mesh.sutures.nodes])
 
 
-def _arrays(
-    moment: Moment, threads: NDArray[np.float32], wanted: Wanted
-) -> dict[str, NDArray[np.generic]]:
+def _arrays(moment: Moment, wanted: Wanted) -> dict[str, NDArray[np.generic]]:
     """What a picture shows; shafts of tools come from their own side, not across the wound."""
     up = np.array([0.0, 0.0, 1.0])
     camera = Camera(PLACE - wanted.away * AXIS, PLACE, up)
@@ -129,7 +127,7 @@ def _arrays(
     for number, tool in enumerate(tool for tool in tools if tool.state != "free"):
         on_the_left = (tool.tip - PLACE) @ right < -0.001
         arrays[f"tool{number}"] = tool_outline(tool, mirrored if on_the_left else handle)
-    return {**arrays, "threads": threads}
+    return arrays
 
 
 def arrays_from(bag: Path) -> dict[str, dict[str, NDArray[np.generic]]]:
@@ -146,7 +144,7 @@ def arrays_from(bag: Path) -> dict[str, dict[str, NDArray[np.generic]]]:
         if topic in TOPICS:
             finder.take(topic, item.message)
     return {
-        wanted.name: _arrays(*finder.found[wanted.name], wanted)
+        wanted.name: _arrays(finder.found[wanted.name], wanted)
         for wanted in WANTED
         if wanted.name in finder.found
     }

@@ -127,7 +127,7 @@ def test_ones_own_edit_is_undone_at_once_and_anothers_when_asked_twice(table: Ta
     table.heard(edit(1, author="anna-1"))
     table.gui["Session"].set("Undo")
     assert [request.author for request in table.asked("undo")] == ["anna-1"]
-    assert table.told == ["undone: split; 2 more to undo."]
+    assert table.told == ["Undone: split. 2 more to undo."]
     table.heard(edit(2, "suture", author="bert-1"))
     table.gui["/Undo"].click()
     assert len(table.asked("undo")) == 1
@@ -155,7 +155,7 @@ def test_a_stroke_of_a_blade_is_undone_as_one(table: Table) -> None:
     Panel(table.person, table.gui)
     table.gui["Session"].set("Undo")
     assert len(table.asked("undo")) == 3
-    assert table.told == ["undone: split; 1 more to undo."]
+    assert table.told == ["Undone: edit. 1 more to undo."]
 
 
 # Let go, pause, reset
@@ -314,7 +314,7 @@ def test_readings_warnings_and_holes_are_told_in_units() -> None:
         "**heart**, lr, paused",
         "as asked",
         "⚠ **septum**: 2.1 mm away (probe)",
-        "von mises stress: 12.3 kPa, highest 21 kPa",
+        "von Mises stress: 12.3 kPa, max 21 kPa",
         "defect: 50% closed, gap 3.2 mm",
         "x: ?",
     ]

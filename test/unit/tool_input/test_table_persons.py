@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
-from tissue_interfaces.msg import Tool, ToolList
+from tissue_interfaces.msg import Playback, Tool, ToolList
 from tissue_interfaces.srv import Cut, SetTool, Undo
 
 from support.fake_node import FakeNode
+from tissue_sim.geometry.mesh import Mesh
+from tissue_sim.geometry.shapes import block
 from tool_input.table.desk import Desk
 from tool_input.table.person import Person
 from tool_input.table.requests import OBSERVERS_MAY, SERVICES
@@ -241,7 +243,25 @@ def test_a_tool_does_not_wait_for_ever_for_an_answer(
     now += 60.0
     desk.hear()
     assert [service for service, _ in node.asked] == ["tissue/set_tool", "tissue/remove_tool"]
+    assert told == ["set_tool: no answer yet; it is still waited for."]
+
+
+def test_an_answer_that_does_not_come_is_told_once(
+    node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("tool_input.table.requests.time.monotonic", lambda: now)
+    anna, told = person(desk)
+    node.thinks = True
+    anna.request("cut", Cut.Request())
+    node.thinks = False
+    anna.request("undo", Undo.Request())
+    desk.hear()
     assert told == []
+    now += 60.0
+    for _ in range(2):
+        desk.hear()
+    assert told == ["cut: no answer yet; it is still waited for."]
 
 
 @pytest.mark.parametrize("service", sorted(set(SERVICES) - OBSERVERS_MAY))
@@ -292,3 +312,28 @@ def test_tools_are_shown_where_they_were_measured_last(node: FakeNode, desk: Des
     node.hears("tissue/tools", ToolList())
     desk.hear()
     assert desk.tools == {}
+
+
+def test_tools_that_only_a_recording_moves_are_shown_as_in_use(node: FakeNode, desk: Desk) -> None:
+    mesh = Mesh(block(2, 2, 2, 0.1, 0.1, 0.1))
+    desk.replica.take_keyframe(b"e", mesh)
+    desk.replica.take_state(b"e", mesh.version, 1, mesh.rest[: mesh.node_rows].astype(np.float32))
+    tools = [
+        Tool(id=name, kind=Tool.GRAB, shape=Tool.SPHERE, size=[0.01], state=Tool.FREE)
+        for name in ("moved", "resting")
+    ]
+    node.hears("tissue/tools", ToolList(tools=tools))
+    desk.hear()
+    pose = PoseStamped()
+    pose.pose.position.x = 0.25
+    node.hears("tools/moved/measured_cp", pose)
+
+    def states() -> list[str]:
+        desk.hear()
+        frame = desk.frame()
+        assert frame is not None
+        return [frame.tools[name].state for name in ("moved", "resting")]
+
+    assert states() == [Tool.FREE, Tool.FREE]
+    node.hears("tissue/playback", Playback())
+    assert states() == [Tool.ACTIVE, Tool.FREE]

@@ -27,6 +27,7 @@ from tool_input.table.range_controls import RangeControls
 from tool_input.table.scalar_scale import (
     BANDS,
     DIFFERENCE,
+    LEAST_TOPS,
     SHRINK_AFTER,
     AutoScale,
     Scale,
@@ -132,6 +133,13 @@ def test_one_node_at_a_hold_does_not_set_the_range() -> None:
     assert Scale.around(values).high == 1.0
 
 
+def test_tissue_at_rest_does_not_show_its_last_bits() -> None:
+    scale = Scale.around(np.array([0.0, 0.09]), LEAST_TOPS["Pa"])
+    assert scale.high == 100.0
+    bar = color_bar("von_mises_stress", "Pa", scale, band_colors(DIFFERENCE), 0.0873)
+    assert "largest now 0.0001 kPa" in bar
+
+
 @pytest.mark.parametrize("ends", [(1.0, 1.0), (2.0, 1.0), (0.0, np.inf), (np.nan, 1.0)])
 def test_a_range_without_extent_is_refused(ends: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="the lower first"):
@@ -140,7 +148,7 @@ def test_a_range_without_extent_is_refused(ends: tuple[float, float]) -> None:
 
 def test_a_range_grows_at_once_and_shrinks_after_a_while() -> None:
     clock = Clock()
-    auto = AutoScale(clock)
+    auto = AutoScale(clock=clock)
     small, large = np.array([0.0, 0.9]), np.array([0.0, 7.0])
     assert auto.follow(small).high == 1.0
     assert auto.follow(large).high == 10.0
@@ -175,7 +183,7 @@ def test_a_bar_has_numbers_that_people_read_and_a_unit() -> None:
     texts = [node.text for node in bar.iter("text")]
     assert texts == ["0", "10", "20", "30", "40", "50"]
     assert len(list(bar.iter("rect"))) == BANDS
-    assert "von mises stress [kPa]" in html
+    assert "von Mises stress [kPa]" in html
     assert "largest now 61.23 kPa" in html
 
 

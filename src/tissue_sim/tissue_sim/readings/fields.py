@@ -32,6 +32,11 @@ UNITS = {
 """Unit of each quantity; empty: a plain number."""
 
 
+def in_words(quantity: str) -> str:
+    """The name of a quantity as people write it, such as "von Mises stress"."""
+    return quantity.replace("_", " ").replace("von mises", "von Mises")
+
+
 def displacement(mesh: Mesh, places: NDArray[np.floating]) -> Reals:
     """Distance of each node from where it is at rest [m], shape (node_rows,).
 

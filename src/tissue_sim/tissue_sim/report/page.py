@@ -19,6 +19,8 @@ from tissue_sim.report.words import NONE, cell, grouped, number, shown, with_uni
 Draw = Callable[[Session], tuple[list[tuple[bytes, str]], str]]
 """Pictures of a session as PNG files with captions, and why there are none."""
 
+NARROW = 2
+"""Tables of so many sessions are narrow enough to stand beside each other."""
 VALUE_COLUMNS = ("n", "r", "ICC(2,1)", "95 %", "ICC(3,1)", "SEM", "bias", "limits", "kappa")
 
 
@@ -95,8 +97,8 @@ def _what(reported: Sequence[Reported], settings: Settings, command: str) -> str
 
 def _comparison(one: Comparison, reported: Sequence[Reported]) -> str:
     chosen = [reported[place] for place in one.places]
-    parts = [markup.heading(2, f"Side by side: {chosen[0].session.organ}")]
     reasons: list[str] = []
+    tables = []
     for group, rows in grouped([of.figures for of in chosen]).items():
         cells = []
         for _, figures in rows:
@@ -104,9 +106,11 @@ def _comparison(one: Comparison, reported: Sequence[Reported]) -> str:
             values = [_short(figure, reasons) for figure in figures]
             cells.append((with_unit(known.label, known.unit), *values))
         heads = (group, *(_headed(of) for of in chosen))
-        parts.append(markup.table(heads, cells))
-    parts.append(markup.listing(reasons) if reasons else "")
-    parts += [
+        tables.append(markup.table(heads, cells))
+    parts = [
+        markup.heading(2, f"Side by side: {chosen[0].session.organ}"),
+        markup.gallery(tables) if len(chosen) <= NARROW else "".join(tables),
+        markup.listing(reasons) if reasons else "",
         _known(one.groups),
         _repeated("Test and retest", one.retest, "it needs at least two persons with two sessions "
                   "each (BAG@PERSON:SESSION, or a study file)"),

@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from tissue_sim.compare.report.figures import COLORS, blank
+from tissue_sim.readings.fields import in_words
 from tissue_sim.report.motion import Reals, speeds_of
 from tissue_sim.report.plan import PlannedLine
 from tissue_sim.report.session import Missing, Session
@@ -20,6 +21,8 @@ MARKS = {
 """Symbol and colour of each kind of event; others are small circles."""
 REST = "events"
 """Row of the events that belong to no tool."""
+MARGIN = 110
+"""Left of plots over time, so that most names of tools have room [pixels]."""
 MOST_POINTS = 4000
 """Points of a line in a page at most; more are thinned."""
 
@@ -28,7 +31,7 @@ def timeline(session: Session) -> go.Figure:
     """When each tool was pressed, and what happened."""
     tools = [tool for tool, track in session.tools.items() if was_moved(track)]
     rows = [REST, *reversed(tools)]
-    plot = blank("time [s]", "", height=150 + 42 * len(rows))
+    plot = _over_time(session, "", height=150 + 42 * len(rows))
     for number, tool in enumerate(tools):
         pressed = session.tools[tool].pressed
         edges = np.flatnonzero(np.diff(np.concatenate([[0], pressed.astype(np.int8), [0]])))
@@ -53,7 +56,6 @@ def timeline(session: Session) -> go.Figure:
         )  # fmt: skip
     # Said, because a row that has no event yet would otherwise have no place.
     plot.update_yaxes(categoryorder="array", categoryarray=rows, range=[-0.6, len(rows) - 0.4])
-    plot.update_xaxes(range=[0.0, 1.02 * max(session.seconds, 0.1)])
     plot.update_layout(barmode="overlay", legend={"y": -0.3 - 0.2 / len(rows)})
     return plot
 
@@ -63,7 +65,7 @@ def speeds(session: Session, settings: Settings) -> go.Figure | None:
     moved = [track for track in session.tools.values() if was_moved(track)]
     if not moved:
         return None
-    plot = blank("time [s]", "speed [mm/s]", height=300)
+    plot = _over_time(session, "speed [mm/s]")
     for number, track in enumerate(moved):
         speed = 1e3 * speeds_of(track.positions, session.rate_hz)
         plot.add_scatter(
@@ -76,7 +78,7 @@ def speeds(session: Session, settings: Settings) -> go.Figure | None:
 
 def forces(session: Session) -> go.Figure | None:
     """Force on each tool that felt one; None: none did."""
-    plot, some = blank("time [s]", "force [N]", height=300), False
+    plot, some = _over_time(session, "force [N]"), False
     for number, track in enumerate(t for t in session.tools.values() if was_moved(t)):
         force = track.force
         if isinstance(force, Missing) or not force.values.any():
@@ -95,8 +97,8 @@ def stress(session: Session) -> go.Figure | None:
     if isinstance(history, Missing):
         return None
     scale, unit = (1e-3, "kPa") if history.unit == "Pa" else (1.0, history.unit)
-    name = f"peak {history.quantity.replace('_', ' ')}" + (f" [{unit}]" if unit else "")
-    plot = blank("time [s]", name, height=300)
+    name = f"peak {in_words(history.quantity)}" + (f" [{unit}]" if unit else "")
+    plot = _over_time(session, name)
     plot.add_scatter(
         x=history.peak.times, y=scale * history.peak.values, mode="lines+markers",
         marker={"size": 4}, line={"color": COLORS[1], "width": 1.5}, showlegend=False,
@@ -117,7 +119,7 @@ def closure(session: Session) -> go.Figure | None:
     measured = [hole for hole in session.holes.values() if len(hole.times)]
     if not measured:
         return None
-    plot = blank("time [s]", "covered [%]", height=300)
+    plot = _over_time(session, "covered [%]")
     for number, hole in enumerate(measured):
         plot.add_scatter(
             x=hole.times, y=100.0 * hole.covered, name=hole.name, mode="lines+markers",
@@ -150,6 +152,14 @@ def ways(session: Session, settings: Settings) -> go.Figure | None:
                "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.3}, "center": {"z": -0.2}}},
         margin={"l": 0, "r": 0, "t": 10, "b": 0}, legend={"y": 0.0},
     )  # fmt: skip
+    return plot
+
+
+def _over_time(session: Session, what: str, height: int = 300) -> go.Figure:
+    """A plot of the whole session without data: one time is at one place in all of them."""
+    plot = blank("time [s]", what, height)
+    plot.update_layout(margin={"l": MARGIN})
+    plot.update_xaxes(range=[0.0, 1.02 * max(session.seconds, 0.1)])
     return plot
 
 

@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tissue_sim.readings.fields import in_words
 from tissue_sim.report.coordination import coordination_of
 from tissue_sim.report.loads import load_of
 from tissue_sim.report.motion import IDLE_SPEED, Motion, Reals, motion_of, path_length, speeds_of
@@ -180,7 +181,7 @@ def _tissue_figures(session: Session) -> Iterator[Figure]:
     stress = session.stress
     name, unit, why, load = "stress", "Pa", str(stress), None
     if not isinstance(stress, Missing):
-        name, unit = stress.quantity.replace("_", " "), stress.unit
+        name, unit = in_words(stress.quantity), stress.unit
         load = load_of(stress.peak.times, stress.peak.values, math.inf)
         why = "needs more than one reading"
     values = (math.nan,) * 3 if load is None else (load.peak, load.peak_at, load.integral)

@@ -14,7 +14,7 @@ from tool_input.table.modes import END, START, Drag, Vec3
 from tool_input.table.page_scene import PageScene
 from tool_input.table.person import Person
 from tool_input.table.tool_mode import ToolMode
-from tool_input.table.tool_size import MM
+from tool_input.table.tool_size import MM, in_mm
 
 UPRIGHT, ALONG_VIEW = "upright on the tissue", "along the view"
 WHILE_DRAGGED, WHERE_RELEASED = "while dragged", "where released"
@@ -103,7 +103,7 @@ class BladeMode(ToolMode):
         cuts = gui.add_dropdown("Cuts", (WHILE_DRAGGED, WHERE_RELEASED), initial_value=self._cuts)
         stands = gui.add_dropdown("Stands", (UPRIGHT, ALONG_VIEW), initial_value=self._stands)
         depth = gui.add_slider(
-            "Depth [mm]", 0.0, high, high / 200, self._depth / MM, hint="Of its lower end"
+            "Depth [mm]", 0.0, high, high / 200, in_mm(self._depth), hint="Of its lower end"
         )
         turn = gui.add_slider(
             "Turn [deg]", -90.0, 90.0, 1.0, self._turn, hint="Against the way you drag"

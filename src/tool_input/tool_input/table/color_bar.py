@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.scalar_scale import Scale
 from tool_input.table.surface_parts import Color
 
@@ -44,7 +46,7 @@ class ShownUnit:
 
 def title(quantity: str, unit: ShownUnit) -> str:
     """What is written over the bar."""
-    words = quantity.replace("_", " ")
+    words = in_words(quantity)
     return f"{words} [{unit.name}]" if unit.name else words
 
 
@@ -76,9 +78,13 @@ def color_bar(
         f"{shown.write(round(scale.low + part * step, 12))}</text>"
         for part in range(6)
     )
-    now = "no values yet" if largest is None else f"largest now {shown.write(largest)} {shown.name}"
+    now = "no values yet"
+    if largest is not None:
+        # A thousandth of the range is as much as can be seen.
+        places = 3 - math.floor(math.log10(scale.high - scale.low))
+        now = f"largest now {shown.write(round(largest, places))} {shown.name}"
     return (
-        '<div style="padding:0 0.5em;font-size:0.85em">'
+        '<div style="padding:0 1em 0 0.75em;font-size:0.85em">'
         f"<b>{escape(title(quantity, shown))}</b>"
         f'<span style="float:right;opacity:0.75">{escape(now)}</span>'
         f'<svg viewBox="0 0 {WIDTH + 2 * MARGIN} {HEIGHT + 18}" width="100%" '
@@ -98,4 +104,4 @@ def legend(entries: Sequence[tuple[str, Color]]) -> str:
         f'vertical-align:middle;background:rgb{color}"></span>{escape(text)}</div>'
         for text, color in entries
     )
-    return f'<div style="padding:0 0.5em;font-size:0.85em">{lines}</div>'
+    return f'<div style="padding:0 1em 0 0.75em;font-size:0.85em">{lines}</div>'

@@ -11,7 +11,7 @@ from tool_input.table.modes import END, START, Drag
 from tool_input.table.page_scene import PageScene
 from tool_input.table.person import Person
 from tool_input.table.sight import Sight
-from tool_input.table.tool_size import MM
+from tool_input.table.tool_size import MM, in_mm
 
 THROUGH, DEPTH = "through the wall", "to a depth"
 FREE, STRAIGHT = "as drawn", "straight"
@@ -70,7 +70,7 @@ class CutMode:
         most = self._scene.organ_size / MM
         reach = gui.add_dropdown("Reach", (THROUGH, DEPTH), initial_value=self._reach)
         depth = gui.add_slider(
-            "Depth [mm]", most / 200, most, most / 200, self._depth / MM,
+            "Depth [mm]", most / 200, most, most / 200, in_mm(self._depth),
             visible=self._reach == DEPTH, hint="Along the view, from the surface",
         )  # fmt: skip
         course = gui.add_dropdown("Line", (FREE, STRAIGHT), initial_value=self._course)

@@ -22,6 +22,7 @@ from tissue_sim.conversions import (
 )
 from tissue_sim.edit_messages import edit_from_msg
 from tissue_sim.geometry.holes import Hole
+from tissue_sim.geometry.mesh import Mesh
 from tissue_sim.hole_messages import hole_from_msg
 from tissue_sim.polled_subscriptions import PolledSubscriptions
 from tissue_sim.replica import Replica
@@ -68,6 +69,7 @@ class Desk:
         self.playback: msg.Playback | None = None
         self.tools: dict[str, msg.Tool] = {}
         self._poses: dict[str, NDArray[np.float64]] = {}
+        self._moved: set[str] = set()
         self._scalar: msg.NodeScalar | None = None
         self._difference: msg.TissueState | None = None
         self._surface: tuple[bytes, int, Surface] | None = None
@@ -135,6 +137,7 @@ class Desk:
             self._values_of(self._scalar, epoch, mesh.version),
             self._values_of(self._difference, epoch, mesh.version),
             self._holes_of(epoch),
+            self._risk_rows(epoch, mesh),
         )
 
     def pose(self, tool: str) -> NDArray[np.float64]:
@@ -149,9 +152,13 @@ class Desk:
         return known[2]
 
     def _shown(self, tool: msg.Tool) -> ToolShown:
+        state = tool.state
+        if state == msg.Tool.FREE and self.playback is not None and tool.id in self._moved:
+            # No person moves it, but the recording does.
+            state = msg.Tool.ACTIVE
         return ToolShown(
-            tool.id, tool.kind, tool.shape, tuple(tool.size), tool.owner, tool.state,
-            tool.pressed, self._poses[tool.id],
+            tool.id, tool.kind, tool.shape, tuple(tool.size), tool.owner, state, tool.pressed,
+            self._poses[tool.id],
         )  # fmt: skip
 
     def _holes_of(self, epoch: bytes) -> tuple[Hole, ...]:
@@ -159,6 +166,15 @@ class Desk:
         if holes is None or epoch_of(holes) != epoch:
             return ()
         return tuple(hole_from_msg(hole) for hole in holes.holes)
+
+    def _risk_rows(self, epoch: bytes, mesh: Mesh) -> NDArray[np.int64]:
+        heard = self.risk_regions
+        if heard is None or epoch_of(heard) != epoch or not heard.regions:
+            return np.empty(0, dtype=np.int64)
+        nodes = np.concatenate([array_of(one.nodes, np.uint32) for one in heard.regions])
+        rows = mesh.node_rows_of(np.unique(nodes)).astype(np.int64)
+        known: NDArray[np.int64] = rows[rows >= 0]
+        return known
 
     @staticmethod
     def _values_of(message: Any, epoch: bytes, version: int) -> NodeValues | None:
@@ -206,6 +222,7 @@ class Desk:
         for gone in set(self.tools) - set(now):
             self._heard.remove(f"tools/{gone}/measured_cp")
             del self._poses[gone]
+            self._moved.discard(gone)
         self.tools = now
         for name, tool in now.items():
             self._poses.setdefault(name, pose_array(tool.pose))
@@ -214,7 +231,11 @@ class Desk:
 
     def _pose_of(self, tool: str) -> Callable[[PoseStamped, Any], None]:
         def take(message: PoseStamped, _: Any) -> None:
-            if tool in self._poses:
-                self._poses[tool] = pose_array(message.pose)
+            if tool not in self._poses:
+                return
+            pose = pose_array(message.pose)
+            if not np.array_equal(pose, self._poses[tool]):
+                self._moved.add(tool)
+            self._poses[tool] = pose
 
         return take

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import viser
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.commands import Command
 
 MOUSE = (
@@ -37,7 +38,7 @@ def help_text(modes: Iterable[Named], views: Iterable[Named], commands: Iterable
         [MOUSE],
         [_line(mode.name, mode.key, mode.help) for mode in modes],
         [_line(command.name, command.keys, command.help) for command in commands],
-        [_line(view.name.replace("_", " "), view.key, view.help) for view in views],
+        [_line(in_words(view.name), view.key, view.help) for view in views],
     ]
     titles = ("", "**What a drag does**", "**Commands**", "**Views**")
     return "\n\n".join(

@@ -13,6 +13,7 @@ Rgb = tuple[int, int, int]
 
 WHITE: Rgb = (255, 255, 255)
 SHEET: Rgb = (90, 170, 255)
+RISK: Rgb = (255, 190, 40)
 DOT_SIZE = 0.012
 """Of dots, in the page's units."""
 

@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.readings.fields import DISPLACEMENT, UNITS
+from tissue_sim.readings.fields import DISPLACEMENT
 from tool_input.table.color_bar import color_bar, legend
 from tool_input.table.contour_bands import contour_bands, surface_edges
 from tool_input.table.lighting import light
 from tool_input.table.mesh_pool import Look, MeshPool, OnMesh
 from tool_input.table.page_scene import PageScene
-from tool_input.table.scalar_scale import UNKNOWN, AutoScale, Scale, band_colors
-from tool_input.table.scalar_source import quantity_values
+from tool_input.table.scalar_scale import LEAST_TOPS, UNKNOWN, AutoScale, Scale, band_colors
+from tool_input.table.scalar_source import quantity_values, unit_of
 from tool_input.table.spring_lines import SpringLines
 from tool_input.table.surface_parts import Color, SurfacePart, lifted, tissue_parts
 from tool_input.table.tissue_frame import Surface, TissueFrame
@@ -64,7 +64,7 @@ class OrganView:
         self._meshes = MeshPool(scene.api, "/organ", on_mesh)
         self._edges = MeshPool(scene.api, "/edges")
         self._springs = SpringLines(scene.api)
-        self._auto = AutoScale(clock)
+        self._auto = AutoScale(clock=clock)
         self._drawn: tuple[Surface, View, Scale | None] | None = None
         self._epoch = b""
         self._values: NDArray[np.float64] | None = None
@@ -84,7 +84,8 @@ class OrganView:
         """
         view = view_named(name)
         if view.quantity != self.view.quantity:
-            self._auto, self._values = AutoScale(self._clock), None
+            self._auto = AutoScale(LEAST_TOPS[unit_of(view.quantity)], self._clock)
+            self._values = None
             self.scale = self.fixed_scale = None
         self.view = view
 
@@ -124,7 +125,7 @@ class OrganView:
         self._show_parts(parts, frame, positions)
         known = shown[np.isfinite(shown)]
         largest = float(known.max()) if len(known) else None
-        unit = UNITS.get(self.view.quantity, UNITS[DISPLACEMENT])
+        unit = unit_of(self.view.quantity)
         self._bar = color_bar(self.view.quantity, unit, scale, colors, largest)
 
     def _show_parts(

@@ -63,18 +63,19 @@ class Panel:
             )
             return
         self._foreign = None
-        self._ask_revert(what)
+        self._ask_revert(what, "edit" if edit is None else edit.kind)
 
-    def _ask_revert(self, what: str) -> None:
-        def done(answer: Undo.Response) -> None:
+    def _ask_revert(self, what: str, kind: str) -> None:
+        def answered(answer: Undo.Response) -> None:
             stroke = stroke_of(answer.reverted_request_id)
             if stroke and stroke == stroke_of(answer.next_request_id):
-                self._ask_revert(what)
+                self._ask_revert(what, kind)
                 return
             left = answer.can_undo if what == UNDO else answer.can_redo
-            self._person.tell(f"{answer.message}; {left} more to {what}.")
+            done = "Undone" if what == UNDO else "Done again"
+            self._person.tell(f"{done}: {kind}. {left} more to {what}.")
 
-        self._person.request(what, Undo.Request(), done)
+        self._person.request(what, Undo.Request(), answered)
 
     def _is_mine(self, edit: TopologyEdit) -> bool:
         person = self._person

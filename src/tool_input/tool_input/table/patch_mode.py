@@ -14,7 +14,7 @@ from tool_input.table.patch_outline import ELLIPSE, RECTANGLE, outline
 from tool_input.table.person import Person
 from tool_input.table.sew_mode import counted, spread
 from tool_input.table.sight import Sight
-from tool_input.table.tool_size import MM
+from tool_input.table.tool_size import MM, in_mm
 
 HOLE = "edge of a hole"
 CLOSEST = "closest tissue"
@@ -79,15 +79,15 @@ class PatchMode:
         """Shape and material of a patch, and how it is sewn in."""
         shape = gui.add_dropdown("Draw", (ELLIPSE, RECTANGLE, HOLE), initial_value=self._shape)
         width = gui.add_slider("Width / length", 0.2, 3.0, 0.05, self._width)
-        thickness = gui.add_number("Thickness [mm]", self._thickness / MM, min=0.05, step=0.05)
+        thickness = gui.add_number("Thickness [mm]", in_mm(self._thickness), min=0.05, step=0.05)
         modulus = gui.add_number("Stiffness [kPa]", self._modulus / 1e3, min=1.0, step=10.0)
         new_hole = gui.add_text("Name of the hole", self._new_hole)
         offered = self._holes()
         if self._hole not in offered:
             self._hole = CLOSEST
         holes = gui.add_dropdown("Sew to", offered, initial_value=self._hole)
-        most = 5.0 * self._spacing / MM
-        spacing = gui.add_slider("Spacing [mm]", most / 100, most, most / 100, self._spacing / MM)
+        most = 5.0 * in_mm(self._spacing)
+        spacing = gui.add_slider("Spacing [mm]", most / 100, most, most / 100, in_mm(self._spacing))
         sew = gui.add_button("Sew rim", hint="Of the patch you laid last")
 
         def take() -> None:

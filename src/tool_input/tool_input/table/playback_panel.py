@@ -16,6 +16,12 @@ RATES = {"1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 """Recorded seconds a second."""
 
 EVERYTHING = "all tools"
+FIRST = 0.0
+"""Order of the bar in the window: before all else, also in a window that is small."""
+
+STEP = 0.01
+"""Of the place in the recording [s]."""
+
 SETTLED = 0.3
 """The recording goes where the slider has stayed for so long [s]: going there takes work."""
 
@@ -54,7 +60,7 @@ class PlaybackPanel:
         self._heard = playback
         self._text.content = _told(playback)
         if self._moved is None:
-            self._place.value = min(max(playback.time, 0.0), self._place.max)
+            self._place.value = min(max(round(playback.time, 2), 0.0), self._place.max)
         self._paused.value, self._loop.value = playback.paused, playback.looping
         tools = (EVERYTHING, *sorted(set(self._person.desk.tools) - set(playback.taken_over)))
         if tools != self._tools:
@@ -64,12 +70,14 @@ class PlaybackPanel:
         gui = self._gui
         if self._folder is not None:
             self._folder.remove()
-        self._folder = gui.add_folder("Recording")
+        self._folder = gui.add_folder("Recording", order=FIRST)
         branched = bool(playback.branch)
         with self._folder:
             self._text = gui.add_markdown("")
-            last = max(playback.duration, 1e-3)
-            self._place = gui.add_slider("Time [s]", 0.0, last, last / 1000, 0.0, disabled=branched)
+            last = max(int(playback.duration / STEP), 1) * STEP
+            self._place = gui.add_slider(
+                "Time [s]", 0.0, round(last, 2), STEP, 0.0, disabled=branched
+            )
             self._paused = gui.add_checkbox("Paused", playback.paused)
             rate = gui.add_button_group("Rate", tuple(RATES), disabled=branched)
             self._loop = gui.add_checkbox("Loop", playback.looping, disabled=branched)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import viser
 
-from tissue_sim.readings.fields import DISPLACEMENT, UNITS
 from tool_input.table.color_bar import ShownUnit
 from tool_input.table.organ_view import OrganView
 from tool_input.table.person import Person
 from tool_input.table.scalar_scale import Scale
+from tool_input.table.scalar_source import unit_of
 
 STEP = 0.001
 """Of the ends of a range, in the unit they are written in."""
@@ -44,7 +44,7 @@ class RangeControls:
     @property
     def _factor(self) -> float:
         quantity = self._organ.view.quantity
-        return ShownUnit.of(quantity, UNITS.get(quantity, UNITS[DISPLACEMENT])).factor
+        return ShownUnit.of(quantity, unit_of(quantity)).factor
 
     def _hold(self) -> None:
         """Begin with the range as it is."""

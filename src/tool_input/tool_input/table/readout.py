@@ -9,6 +9,7 @@ from typing import Any
 import viser
 from tissue_interfaces.msg import Hole, Reading, RiskWarning, Status
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.desk import Desk
 
 STATES = {
@@ -77,6 +78,8 @@ def quantity(value: float, unit: str) -> str:
     """A value with three digits and a prefix, such as "12.3 kPa"; no mPa, which reads as MPa."""
     if not unit:
         return f"{value:.3g}"
+    if unit == "%":
+        return f"{100.0 * value:.1f} %"
     size = abs(value)
     known = _PREFIXES[:4] if unit == "Pa" else _PREFIXES
     scale, prefix = next((one for one in known if size >= one[0]), known[-1])
@@ -96,9 +99,10 @@ def _warning(warning: RiskWarning) -> str:
 
 
 def _reading(reading: Reading) -> str:
-    name = reading.name.replace("_", " ")
-    peak, highest = (quantity(value, reading.unit) for value in (reading.peak, reading.highest))
-    return f"{name}: {peak}, highest {highest}"
+    name = in_words(reading.name)
+    unit = "%" if "strain" in reading.name and not reading.unit else reading.unit
+    peak, highest = (quantity(value, unit) for value in (reading.peak, reading.highest))
+    return f"{name}: {peak}, max {highest}"
 
 
 def _hole(hole: Hole) -> str:

@@ -47,9 +47,15 @@ SERVICE_PATIENCE = 5.0
 """[s] How long a request waits for its service, as discovery takes a moment, and for the answer to
 the one before it about the same tool."""
 
+SLOW_SECONDS = 3.0
+"""Of an answer that has not come after so long the person is told that it is waited for [s]."""
+
 
 class _Asked(NamedTuple):
-    """A request on its way to its service."""
+    """A request on its way to its service, or on its way back.
+
+    `until` is when patience ends [s]: with the service that is not there, or with its answer.
+    """
 
     until: float
     person: Person
@@ -84,6 +90,7 @@ class Requests:
         self._numbers = itertools.count(1)
         self._waiting: list[_Asked] = []
         self._under_way: dict[str, float] = {}
+        self._unanswered: dict[Any, _Asked] = {}
 
     def ask(
         self,
@@ -113,6 +120,7 @@ class Requests:
 
     def send(self) -> None:
         """Send what waits for a service that is there; tell of what has waited for too long."""
+        self._tell_of_slow()
         asked, self._waiting = self._waiting, []
         now = time.monotonic()
         # A service that died answers nothing: its tools do not wait for ever.
@@ -125,7 +133,9 @@ class Requests:
             elif client.service_is_ready():
                 if one.tool:
                     self._under_way[one.tool] = now + SERVICE_PATIENCE
-                client.call_async(one.request).add_done_callback(self._finishing(one))
+                answer = client.call_async(one.request)
+                self._unanswered[answer] = one._replace(until=now + SLOW_SECONDS)
+                answer.add_done_callback(self._finishing(one))
             elif now > one.until:
                 one.person.tell(f"{SERVICES[one.service][1]} is not there: is its node running?")
             else:
@@ -138,8 +148,19 @@ class Requests:
         if last is not None and last.service == "set_tool":
             self._waiting.remove(last)
 
+    def _tell_of_slow(self) -> None:
+        now = time.monotonic()
+        for answer, one in list(self._unanswered.items()):
+            if now > one.until:
+                del self._unanswered[answer]
+                one.person.tell(f"{one.service}: no answer yet; it is still waited for.")
+
     def _finishing(self, asked: _Asked) -> Callable[[Any], None]:
-        return lambda done: self._soon(lambda: self._answer(asked, done.result()))
+        def finish(done: Any) -> None:
+            self._unanswered.pop(done, None)
+            self._answer(asked, done.result())
+
+        return lambda done: self._soon(lambda: finish(done))
 
     def _client(self, service: str) -> Client:
         if service not in self._clients:

@@ -10,16 +10,15 @@ from tissue_interfaces.srv import SetRiskRegion
 
 from tissue_sim.conversions import array_of
 from tissue_sim.readings.regions import painted
-from tool_input.table.marks import Marks
+from tool_input.table.marks import RISK, Marks
 from tool_input.table.modes import END, START, Drag, Vec3
 from tool_input.table.page_scene import PageScene
 from tool_input.table.person import Person
 from tool_input.table.sight import Sight
 from tool_input.table.tissue_frame import TissueFrame
-from tool_input.table.tool_size import MM
+from tool_input.table.tool_size import MM, in_mm
 
 PAINT, ERASE = "paint", "erase"
-RISK = (255, 190, 40)
 MOST_STEPS = 20
 """Of half a brush between two events; the pointer has jumped to other tissue if there are more."""
 
@@ -70,9 +69,9 @@ class RiskMode:
         most = self._most / MM
         region = gui.add_text("Region", self._region)
         brush = gui.add_dropdown("Brush", (PAINT, ERASE), initial_value=self._brush)
-        radius = gui.add_slider("Brush [mm]", most / 100, most, most / 100, self._radius / MM)
+        radius = gui.add_slider("Brush [mm]", most / 100, most, most / 100, in_mm(self._radius))
         margin = gui.add_slider(
-            "Margin [mm]", 0.0, most, most / 100, self._margin / MM,
+            "Margin [mm]", 0.0, most, most / 100, in_mm(self._margin),
             hint="Tools and cuts nearer than this are warned of",
         )  # fmt: skip
         limit = gui.add_number(

@@ -28,6 +28,9 @@ SHARE = 0.995
 LEAST_SHARE = 0.05
 """Values on one side of zero that reach less of the range than this share do not extend it."""
 
+LEAST_TOPS = {"m": 1e-4, "Pa": 100.0, "": 1e-3}
+"""A range ends no lower, by unit: tissue at rest shall look at rest, not like its last bits."""
+
 SHRINK_AFTER = 3.0
 """The range shrinks when a smaller one has done for so long [s]."""
 
@@ -61,17 +64,18 @@ class Scale:
         return np.linspace(self.low, self.high, BANDS + 1)[1:-1]
 
     @classmethod
-    def around(cls, values: NDArray[np.floating]) -> Scale:
+    def around(cls, values: NDArray[np.floating], least: float = 0.0) -> Scale:
         """A range with round ends that begins or ends at zero, or has it in its middle.
 
         Args:
             values: What has to be seen on it; nan: unknown.
+            least: It reaches at least so far from zero.
         """
         known = values[np.isfinite(values)]
         if not len(known):
-            return cls(0.0, scale_top(0.0))
+            return cls(0.0, scale_top(least))
         low, high = np.quantile(known, [1.0 - SHARE, SHARE])
-        top = scale_top(max(-low, high))
+        top = scale_top(max(-low, high, least))
         below, above = low < -LEAST_SHARE * top, high > LEAST_SHARE * top
         return cls(-top if below else 0.0, top if above or not below else 0.0)
 
@@ -83,19 +87,21 @@ class Scale:
 class AutoScale:
     """A range that follows the values: it grows at once, and shrinks after a while."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, least: float = 0.0, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin without one.
 
         Args:
+            least: It reaches at least so far from zero.
             clock: Seconds.
         """
+        self._least = least
         self._clock = clock
         self._scale: Scale | None = None
         self._larger_needed = 0.0
 
     def follow(self, values: NDArray[np.floating]) -> Scale:
         """The range for some values [in their unit]; nan: unknown."""
-        now, wanted = self._clock(), Scale.around(values)
+        now, wanted = self._clock(), Scale.around(values, self._least)
         scale = self._scale
         if scale is None or not scale.holds(wanted):
             both = wanted if scale is None else _joined(scale, wanted)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tissue_sim.readings.fields import DISPLACEMENT, displacement
+from tissue_sim.readings.fields import DISPLACEMENT, UNITS, displacement
 from tool_input.table.scalar_scale import DIFFERENCE
 from tool_input.table.tissue_frame import TissueFrame
+
+
+def unit_of(quantity: str) -> str:
+    """The SI unit of a quantity; a difference is a distance."""
+    return UNITS.get(quantity, UNITS[DISPLACEMENT])
 
 
 def quantity_values(

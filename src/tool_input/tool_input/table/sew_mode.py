@@ -11,7 +11,7 @@ from tool_input.table.marks import Marks
 from tool_input.table.modes import END, START, Drag, Vec3
 from tool_input.table.page_scene import PageScene
 from tool_input.table.person import Person
-from tool_input.table.tool_size import MM
+from tool_input.table.tool_size import MM, in_mm
 
 STITCH, LIPS = "one stitch", "along both lips"
 POINTS = 32
@@ -67,12 +67,12 @@ class SewMode:
         step = self._reach / 60 / MM
         way = gui.add_dropdown("Drag", (STITCH, LIPS), initial_value=self._way)
         length = gui.add_slider(
-            "Length [mm]", 0.0, 100 * step, step, self._length / MM,
+            "Length [mm]", 0.0, 100 * step, step, in_mm(self._length),
             hint="Of the thread at rest; 0 draws both sides together",
         )  # fmt: skip
-        spacing = gui.add_slider("Spacing [mm]", step, 100 * step, step, self._spacing / MM)
+        spacing = gui.add_slider("Spacing [mm]", step, 100 * step, step, in_mm(self._spacing))
         reach = gui.add_slider(
-            "Bite [mm]", step, 100 * step, step, self._reach / MM,
+            "Bite [mm]", step, 100 * step, step, in_mm(self._reach),
             hint="How far from where you drag a stitch may be attached",
         )  # fmt: skip
         running = gui.add_checkbox("Running", self._running, hint="One thread for all stitches")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,7 @@ class TissueFrame:
         scalar: The newest of `tissue/scalar` for this version; None: none was heard.
         difference: Distance from a second model [m], likewise from `tissue/difference`.
         holes: The holes that have a name.
+        risk_rows: Rows of the nodes of risk regions, shape (n,).
     """
 
     epoch: bytes
@@ -99,6 +100,7 @@ class TissueFrame:
     scalar: NodeValues | None = None
     difference: NodeValues | None = None
     holes: tuple[Hole, ...] = ()
+    risk_rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def version(self) -> int:

@@ -23,6 +23,11 @@ SHAPES = {
 MM = 1e-3
 
 
+def in_mm(length: float) -> float:
+    """A length [m] in millimetres, as a control shows it: without the last bits."""
+    return round(length / MM, 6)
+
+
 @dataclass
 class ToolSize:
     """How large a tool is in each of its shapes [m].

@@ -6,6 +6,7 @@ import viser
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
+from tissue_sim.readings.fields import in_words
 from tool_input.table.organ_view import OrganView
 from tool_input.table.person import Person
 from tool_input.table.range_controls import RangeControls
@@ -27,7 +28,7 @@ class ViewPanel:
         """
         self._person = person
         self._organ = organ
-        names = {view.name.replace("_", " "): view.name for view in VIEWS.values()}
+        names = {in_words(view.name): view.name for view in VIEWS.values()}
         choice = gui.add_dropdown("View", tuple(names), initial_value=next(iter(names)))
         self._bar = gui.add_html("", visible=False)
         self._range = RangeControls(person, gui, organ)
@@ -64,7 +65,7 @@ class ViewPanel:
         if frame.scalar is None:
             return "Nothing is heard on `tissue/scalar`: is the node `readings` running?"
         if frame.scalar.name != quantity:
-            told = frame.scalar.name.replace("_", " ")
+            told = in_words(frame.scalar.name)
             return f"Another window asked for {told}: one quantity is told at a time."
         return ""
 

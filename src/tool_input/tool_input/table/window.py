@@ -25,6 +25,7 @@ from tool_input.table.playback_panel import PlaybackPanel
 from tool_input.table.pointer import Eye
 from tool_input.table.probe_mode import ProbeMode
 from tool_input.table.readout import Readout
+from tool_input.table.risk_dots import RiskDots
 from tool_input.table.risk_mode import RiskMode
 from tool_input.table.seam_lines import SeamLines
 from tool_input.table.sew_mode import SewMode
@@ -65,6 +66,7 @@ class Window:
         self._view: ViewPanel | None = None
         self._tools = ToolsView(self._scene, person.name)
         self._seams = SeamLines(self._scene)
+        self._risks = RiskDots(self._scene)
         self._modes: dict[str, Mode] = {}
         self._mode: Mode | None = None
         self._folder: viser.GuiFolderHandle | None = None
@@ -80,6 +82,7 @@ class Window:
             self._organ.show(frame)
             self._tools.show(frame)
             self._seams.show(frame)
+            self._risks.show(frame)
         self._view.show(frame)
         for panel in self._told:
             panel.update()
