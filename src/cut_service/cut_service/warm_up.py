@@ -35,7 +35,9 @@ def warm_up() -> float:
         lower, upper = rest.min(axis=0), rest.max(axis=0)
         for axis in range(2):
             low, high = 2 * lower - upper, 2 * upper - lower
-            low[axis] = high[axis] = 0.6 * lower[axis] + 0.4 * upper[axis]
+            # Aslant, so that nodes are snapped far and there are degeneracies to remove.
+            low[axis] = 0.8 * lower[axis] + 0.2 * upper[axis]
+            high[axis] = 0.4 * lower[axis] + 0.6 * upper[axis]
             middle = low.copy()
             middle[2] = high[2]
             far = high.copy()
