@@ -86,7 +86,7 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     table.add_row(
         "frames",
         f"{summary['frames']} at {summary.get('published_hz') or 0.0:.2f} Hz, "
-        f"{late} late ({share:.2f} %), {summary.get('lost_states') or 0} states lost",
+        f"{late} late ({share:.2f} %), {summary.get('lost_states') or 0} not received",
     )
     for name, title in (("step_ms", "model step, ms"), ("pose_to_state_ms", "pose to state, ms")):
         table.add_row(title, _quantiles(summary.get(name)))

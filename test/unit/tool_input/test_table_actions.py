@@ -37,6 +37,8 @@ SIDE, THICK = 0.06, 0.012
 EYE = np.array([0.03, 0.03, 0.3])
 UP = np.array([0.0, 0.0, 1.0])
 
+pytestmark = pytest.mark.usefixtures("anywhere")
+
 
 class Table:
     """One person at a wall of tissue across z, from 0 to `THICK`, and what they are told."""

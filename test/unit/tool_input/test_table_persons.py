@@ -62,6 +62,7 @@ def places(node: FakeNode, tool: str) -> list[float]:
     return [pose.pose.position.x for pose in node.published_on(f"tools/{tool}/servo_cp")]
 
 
+@pytest.mark.usefixtures("anywhere")
 def test_a_press_is_an_edge_for_who_listens_however_late(node: FakeNode, desk: Desk) -> None:
     """The first level a simulation hears makes no edge."""
     node.listeners = 0
@@ -83,6 +84,7 @@ def test_a_press_is_an_edge_for_who_listens_however_late(node: FakeNode, desk: D
     assert uses(node, tool.id)[3:] == [False, True]
 
 
+@pytest.mark.usefixtures("anywhere")
 def test_a_press_that_nobody_hears_yet_waits_where_it_was_made(node: FakeNode, desk: Desk) -> None:
     """The hand goes on meanwhile, and the tool follows it once it was pressed."""
     node.listeners = 0
@@ -99,6 +101,7 @@ def test_a_press_that_nobody_hears_yet_waits_where_it_was_made(node: FakeNode, d
     assert places(node, tool.id)[-1] == 0.2
 
 
+@pytest.mark.usefixtures("anywhere")
 def test_a_press_that_is_over_before_anybody_hears_is_never_sent(
     node: FakeNode, desk: Desk
 ) -> None:
@@ -117,6 +120,7 @@ def test_a_press_that_is_over_before_anybody_hears_is_never_sent(
     assert uses(node, tool.id) == [False, True]
 
 
+@pytest.mark.usefixtures("anywhere")
 def test_a_pose_comes_before_the_press_that_belongs_to_it(node: FakeNode, desk: Desk) -> None:
     tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
     tool.move([0.1, 0, 0], [0, 0, 1, 0])
@@ -126,6 +130,56 @@ def test_a_pose_comes_before_the_press_that_belongs_to_it(node: FakeNode, desk: 
     assert topics == ["servo_cp", "servo_cp", "use", "use"]
     tool.move([0.2, 0, 0])
     assert node.published[-1][1].pose.orientation.z == 1.0
+
+
+def test_a_press_waits_until_the_tool_is_there(node: FakeNode, desk: Desk) -> None:
+    """Of two topics the later message may come first."""
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0.1, 0, 0])
+    desk.tools[tool.id] = tool.message
+    for x, pressed in ((0.0, False), (0.0999, False), (0.10001, True)):
+        desk._poses[tool.id] = np.array([x, 0, 0, 0, 0, 0, 1])
+        if not tool.pressed:
+            tool.use(True)
+        tool.move([0.2, 0, 0])
+        assert places(node, tool.id)[-1] == 0.1
+        tool.repeat()
+        assert uses(node, tool.id)[-1] is pressed
+    tool.repeat()
+    assert places(node, tool.id)[-1] == 0.2
+
+
+def test_a_release_waits_for_its_press(node: FakeNode, desk: Desk) -> None:
+    """As of a blade that cuts once, where a drag ends."""
+    tool = person(desk)[0].tools.make("blade", Tool.CUT, Tool.TRIANGLE, [0.01, 0.01])
+    tool.move([0.1, 0, 0])
+    tool.repeat()
+    desk.tools[tool.id] = tool.message
+    desk._poses[tool.id] = np.zeros(7)
+    tool.use(True)
+    tool.use(False)
+    tool.move([0.2, 0, 0])
+    assert uses(node, tool.id) == [False]
+    desk._poses[tool.id][0] = 0.1
+    tool.repeat()
+    assert uses(node, tool.id) == [False, True, False]
+    tool.repeat()
+    assert places(node, tool.id)[-2:] == [0.1, 0.2]
+
+
+def test_a_press_does_not_wait_for_ever(
+    node: FakeNode, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tool may be kept from where it is wanted, as by a limit of its speed."""
+    now = 100.0
+    monkeypatch.setattr("tool_input.table.person.time.monotonic", lambda: now)
+    tool = person(desk)[0].tools.make("grab", Tool.GRAB, Tool.SPHERE, [0.005])
+    tool.move([0.1, 0, 0])
+    tool.use(True)
+    assert uses(node, tool.id) == [False]
+    now += 1.0
+    tool.repeat()
+    assert uses(node, tool.id) == [False, True]
 
 
 def test_what_is_held_is_let_go_when_a_person_leaves(node: FakeNode, desk: Desk) -> None:

@@ -31,6 +31,8 @@ SLANTED = np.array([0.6, 0.0, 0.8])
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
+pytestmark = pytest.mark.usefixtures("anywhere")
+
 
 def beside(x: float, y: float, z: float) -> NDArray[np.float64]:
     """A point [m] as seen from `HERE`."""

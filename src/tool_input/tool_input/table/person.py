@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,12 @@ from tool_input.tool_topics import ToolTopics, pose_message
 if TYPE_CHECKING:
     from tool_input.table.desk import Desk
 
+ARRIVAL_PATIENCE = 0.25
+"""Longest wait of a press for the tool to be there [s]; limits of its speed may keep it away."""
+
+ARRIVED = 1e-4
+"""Distance from where it is wanted at which a tool is there [m]."""
+
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 """The orientation of a tool whose axes are the organ's."""
 
@@ -27,9 +35,11 @@ class PersonTool:
 
     While it has a pose that pose is published again and again, as a hand that rests would.
 
-    A press waits until somebody listens to both its topics, and the tool where it was pressed; one
-    that is over by then is not sent. The publishers are there before the tool, so the simulation
-    knows them when it begins to listen, and hears from then on what is sent, in this order.
+    A press waits until somebody listens to both its topics and the simulation says that the tool is
+    where it was pressed: of two topics the later message may come first, and then the tool would
+    take hold where it was before. What comes after the press waits with it. A press that is over
+    before anybody listens is not sent. The publishers are there before the tool, so the simulation
+    knows them when it begins to listen.
 
     Attributes:
         name: Its name among the person's tools, such as "grab".
@@ -57,7 +67,8 @@ class PersonTool:
         self._listeners = 0
         self._rests = False
         self._told: bool | None = None
-        self._press_waits_at: Pose | None = None
+        self._due: deque[tuple[bool, Pose | None]] = deque()
+        self._waits_until = np.inf
 
     def change(self, kind: str, shape: str, size: Sequence[float], **more: Any) -> None:
         """Ask for another kind, shape or size [m] of it; `more` are fields of `Tool`."""
@@ -80,7 +91,10 @@ class PersonTool:
     def use(self, pressed: bool) -> None:
         """Press or release it where it is."""
         self.pressed = pressed
-        self._press_waits_at = self.pose if pressed else None
+        if self._listeners or pressed:
+            self._due.append((pressed, self.pose))
+        else:
+            self._due.clear()
         self.repeat()
 
     def repeat(self) -> None:
@@ -91,7 +105,7 @@ class PersonTool:
         self._tell_use(listeners)
 
     def _tell_pose(self) -> None:
-        pose = self.pose if self._press_waits_at is None else self._press_waits_at
+        pose = self._due[0][1] if self._due else self.pose
         if pose is not None:
             self._topics.pose(pose)
 
@@ -99,11 +113,31 @@ class PersonTool:
         before, self._listeners = self._listeners, listeners
         if listeners > before:
             # The first level that is heard makes no edge: a press must be the second.
-            self._say(self.pressed if before else self._rests)
-        if listeners:
-            if self._told != self.pressed:
-                self._say(self.pressed)
-            self._press_waits_at = None
+            self._say(bool(self._told) if before else self._rests)
+        if not listeners:
+            return
+        if not self._due and self._told != self.pressed:
+            self._due.append((self.pressed, self.pose))
+        while self._due:
+            pressed, pose = self._due[0]
+            if pressed and not self._is_at(pose):
+                break
+            self._say(pressed)
+            self._due.popleft()
+            self._waits_until = np.inf
+
+    def _is_at(self, pose: Pose | None) -> bool:
+        """Whether the simulation has the tool there, or that was waited for long enough."""
+        if pose is None:
+            return True
+        now = time.monotonic()
+        self._waits_until = min(self._waits_until, now + ARRIVAL_PATIENCE)
+        if now > self._waits_until:
+            return True
+        desk = self._person.desk
+        if self.id not in desk.tools:
+            return False
+        return bool(np.linalg.norm(desk.pose(self.id)[:3] - pose.position) < ARRIVED)
 
     def _say(self, pressed: bool) -> None:
         self._told = pressed
