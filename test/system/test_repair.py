@@ -14,7 +14,7 @@ from tissue_sim.session import SessionPlan
 from viz_bridge.repair_pictures import WANTED, arrays_from
 
 COARSE = {"shape.cell": 0.002, "steps_per_frame": 3, "model": "lr"}
-FASTER = 0.6
+FASTER = 0.75
 """Length of the procedure as a share of what it is."""
 
 
